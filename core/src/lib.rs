@@ -1,0 +1,20 @@
+//! The renderer of Photonfarm.
+//!
+//! Everything here is pure and synchronous: no sockets, no clocks, no global state. The one function the farm
+//! calls is [`integrator::render_iteration`]: the same scene, settings, seed and iteration index give the same
+//! bits on any machine and with any number of threads.
+
+pub mod film;
+pub mod geometry;
+pub mod integrator;
+pub mod light;
+pub mod map;
+pub mod material;
+pub mod math;
+pub mod random;
+pub mod scene;
+pub mod schedule;
+pub mod sensor;
+pub mod settings;
+pub mod spectrum;
+pub mod texture;

@@ -1,0 +1,147 @@
+//! What a job asks for: which integrator, with which settings. The same names are used in the job's JSON, on the
+//! command line (`--set name=value`) and in the image's metadata.
+
+use serde::{Deserialize, Serialize};
+
+/// An integrator with its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+pub enum IntegratorSettings {
+    /// Path tracing with next-event estimation.
+    Path(PathSettings),
+    /// Probabilistic progressive photon mapping (Knaus and Zwicker 2011).
+    Pppm(PppmSettings),
+    /// Photon cone focusing (Chang 2019).
+    Pcf(PcfSettings),
+}
+
+/// Settings of `path`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PathSettings {
+    /// Camera samples per pixel and iteration.
+    pub samples: u32,
+    /// Most edges of a light path, camera to light; `None`: no limit.
+    pub max_depth: Option<u32>,
+}
+
+impl Default for PathSettings {
+    fn default() -> Self {
+        Self {
+            samples: 4,
+            max_depth: None,
+        }
+    }
+}
+
+/// Settings of `pppm`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PppmSettings {
+    /// Light paths per iteration (M).
+    pub photons: u32,
+    /// Camera samples per pixel and iteration (S).
+    pub samples: u32,
+    /// Share of the photons that the shrinking radius keeps, in (0, 1).
+    pub alpha: f32,
+    /// First radius [scene units]; `None`: from the scene and the pixel footprint.
+    pub sigma1: Option<f32>,
+    /// Most edges of a light path, camera to light; `None`: no limit.
+    pub max_depth: Option<u32>,
+}
+
+impl Default for PppmSettings {
+    fn default() -> Self {
+        Self {
+            photons: 200_000,
+            samples: 1,
+            alpha: 2.0 / 3.0,
+            sigma1: None,
+            max_depth: None,
+        }
+    }
+}
+
+/// Settings of `pcf`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PcfSettings {
+    /// Light paths per iteration (M).
+    pub photons: u32,
+    /// Camera samples per pixel and iteration (S).
+    pub samples: u32,
+    /// Share of the cones that the shrinking bandwidth keeps, in (0, 1).
+    pub alpha: f32,
+    /// Order of the angular bandwidth t(sigma) = theta1 (sigma / sigma1)^p, at least 1.
+    pub p: f32,
+    /// First spatial bandwidth [scene units]; `None`: from the scene and the pixel footprint.
+    pub sigma1: Option<f32>,
+    /// First angular bandwidth [degrees].
+    pub theta1: f32,
+    /// Camera vertex at which the cone map is read.
+    pub lookup_vertex: LookupVertex,
+    /// Techniques that choose a cone's direction, combined by the power heuristic.
+    pub samplers: Vec<DirectionSampler>,
+    /// Most edges of a light path, camera to light; `None`: no limit.
+    pub max_depth: Option<u32>,
+}
+
+impl Default for PcfSettings {
+    fn default() -> Self {
+        Self {
+            photons: 200_000,
+            samples: 4,
+            alpha: 0.2,
+            p: 1.0,
+            sigma1: None,
+            theta1: 18.0,
+            lookup_vertex: LookupVertex::Auto,
+            samplers: vec![DirectionSampler::Bsdf, DirectionSampler::Camera],
+            max_depth: None,
+        }
+    }
+}
+
+/// Camera vertex at which the cone map is read: a number of 1 or more, or `"auto"`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "serde_json::Value", into = "serde_json::Value")]
+pub enum LookupVertex {
+    /// Always the k-th vertex.
+    Fixed(u32),
+    /// The first vertex whose material is rough enough for a density estimate.
+    Auto,
+}
+
+/// A technique that chooses a cone's direction (thesis, section 4.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DirectionSampler {
+    /// Sample the material.
+    Bsdf,
+    /// Sample a lobe about the direction to the camera.
+    Camera,
+}
+
+impl TryFrom<serde_json::Value> for LookupVertex {
+    type Error = String;
+
+    fn try_from(value: serde_json::Value) -> Result<Self, String> {
+        let number = value.as_u64().or_else(|| value.as_str()?.parse().ok());
+        match (number, value.as_str()) {
+            (Some(k @ 1..=64), _) => Ok(Self::Fixed(k as u32)),
+            (_, Some("auto")) => Ok(Self::Auto),
+            _ => Err(format!(
+                "lookup_vertex is {value}: expected a camera vertex from 1 to 64, or \"auto\""
+            )),
+        }
+    }
+}
+
+impl From<LookupVertex> for serde_json::Value {
+    fn from(vertex: LookupVertex) -> Self {
+        match vertex {
+            LookupVertex::Fixed(k) => k.into(),
+            LookupVertex::Auto => "auto".into(),
+        }
+    }
+}
