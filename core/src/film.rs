@@ -76,17 +76,9 @@ pub enum FilmError {
 
 impl Node {
     /// A leaf from the pixels of iteration `index + 1`.
-    pub fn leaf(
-        index: u32,
-        width: u32,
-        height: u32,
-        pixels: &[Spectrum],
-    ) -> Result<Self, FilmError> {
+    pub fn leaf(index: u32, width: u32, height: u32, pixels: &[Spectrum]) -> Result<Self, FilmError> {
         let sum = pixels.iter().flat_map(|p| p.to_rgb()).collect();
-        let sum_of_squares = pixels
-            .iter()
-            .map(|p| p.luminance() * p.luminance())
-            .collect();
+        let sum_of_squares = pixels.iter().map(|p| p.luminance() * p.luminance()).collect();
         let node = Self {
             width,
             height,
@@ -135,10 +127,7 @@ impl Node {
 
     /// The parent: left child plus right child, in that order.
     pub fn merge(mut self, right: &Self) -> Result<Self, FilmError> {
-        if self.level != right.level
-            || !self.index.is_multiple_of(2)
-            || right.index != self.index + 1
-        {
+        if self.level != right.level || !self.index.is_multiple_of(2) || right.index != self.index + 1 {
             return Err(FilmError::NotSiblings {
                 left_level: self.level,
                 left_index: self.index,
@@ -205,14 +194,9 @@ impl Image {
         let standard_error = if iterations < 2 {
             Vec::new()
         } else {
-            let error = |(p, s): (&Spectrum, &f32)| {
-                ((s / n - p.luminance() * p.luminance()).max(0.0) / (n - 1.0)).sqrt()
-            };
-            pixels
-                .iter()
-                .zip(&total.sum_of_squares)
-                .map(error)
-                .collect()
+            let error =
+                |(p, s): (&Spectrum, &f32)| ((s / n - p.luminance() * p.luminance()).max(0.0) / (n - 1.0)).sqrt();
+            pixels.iter().zip(&total.sum_of_squares).map(error).collect()
         };
         Ok(Self {
             width: total.width,

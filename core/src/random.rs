@@ -55,10 +55,7 @@ impl PathRandom {
     pub fn next_2d(&mut self) -> Vec2 {
         let bits = self.next_bits();
         let scale = 1.0 / (1u64 << 24) as f32;
-        Vec2::new(
-            (bits >> 40) as f32 * scale,
-            ((bits >> 8) & 0xff_ffff) as f32 * scale,
-        )
+        Vec2::new((bits >> 40) as f32 * scale, ((bits >> 8) & 0xff_ffff) as f32 * scale)
     }
 
     fn next_bits(&mut self) -> u64 {

@@ -87,10 +87,6 @@ pub fn render_iteration(
 
 /// The spatial bandwidth sigma (or radius) of an iteration, and the angular bandwidth theta [radians]; `None` for `path`.
 #[must_use]
-pub fn bandwidth(
-    _scene: &Scene,
-    _settings: &IntegratorSettings,
-    _iteration: u32,
-) -> Option<(f32, Option<f32>)> {
+pub fn bandwidth(_scene: &Scene, _settings: &IntegratorSettings, _iteration: u32) -> Option<(f32, Option<f32>)> {
     unimplemented!()
 }

@@ -49,10 +49,7 @@ pub enum Light {
         beam_width: f32,
     },
     /// `irradiance` [W/m^2] on a surface facing it, travelling along the unit vector `direction`.
-    Directional {
-        direction: Vec3,
-        irradiance: Spectrum,
-    },
+    Directional { direction: Vec3, irradiance: Spectrum },
     /// The same `radiance` from everywhere outside.
     Constant { radiance: Spectrum },
     /// Mitsuba's `envmap`: latitude-longitude image, `to_world` maps its frame (up is +y) to the world.
@@ -102,12 +99,7 @@ impl Lights {
     }
     /// Radiance that the area light `light` emits at `hit` along the unit vector `wo`.
     #[must_use]
-    pub fn emitted(
-        &self,
-        _light: LightId,
-        _hit: &crate::geometry::SurfacePoint,
-        _wo: Vec3,
-    ) -> Spectrum {
+    pub fn emitted(&self, _light: LightId, _hit: &crate::geometry::SurfacePoint, _wo: Vec3) -> Spectrum {
         unimplemented!()
     }
     /// Radiance that arrives from outside the scene along a ray of unit `direction` that hits nothing; the sum over distant lights.

@@ -65,10 +65,7 @@ pub enum Material {
     /// Not there: light goes straight through.
     Null,
     /// `front` seen from the outer side, `back` from the inner side; neither may transmit.
-    TwoSided {
-        front: Box<Material>,
-        back: Box<Material>,
-    },
+    TwoSided { front: Box<Material>, back: Box<Material> },
 }
 
 /// Distribution of microfacet normals.
@@ -100,14 +97,7 @@ impl Material {
     }
     /// Samples `wi` given `wo`. `None` where the sample carries nothing.
     #[must_use]
-    pub fn sample(
-        &self,
-        _uv: Vec2,
-        _wo: Vec3,
-        _lobe: f32,
-        _u: Vec2,
-        _mode: TransportMode,
-    ) -> Option<BsdfSample> {
+    pub fn sample(&self, _uv: Vec2, _wo: Vec3, _lobe: f32, _u: Vec2, _mode: TransportMode) -> Option<BsdfSample> {
         unimplemented!()
     }
     /// Whether every lobe is a delta function: density estimation and next-event estimation do not apply.

@@ -83,8 +83,7 @@ mod tests {
 
     #[test]
     fn normals_stay_perpendicular_under_uneven_scale() {
-        let transform =
-            Transform::from_matrix(DMat4::from_scale(DVec3::new(1.0, 4.0, 1.0))).unwrap();
+        let transform = Transform::from_matrix(DMat4::from_scale(DVec3::new(1.0, 4.0, 1.0))).unwrap();
         let tangent = transform.vector(Vec3::new(1.0, 1.0, 0.0));
         let normal = transform.normal(Vec3::new(1.0, -1.0, 0.0));
         assert!(tangent.dot(normal).abs() < 1e-6);
