@@ -4,6 +4,8 @@
 //! calls is [`integrator::render_iteration`]: the same scene, settings, seed and iteration index give the same
 //! bits on any machine and with any number of threads.
 
+#[cfg(test)]
+pub(crate) mod chi_square;
 pub mod film;
 pub mod geometry;
 pub mod integrator;

@@ -1,0 +1,358 @@
+//! Chi-square test of a sampler against its density: the test of every direction, light and camera sampler.
+//!
+//! The domain is cut into cells. The density is integrated over each cell, many samples are drawn with a fixed seed,
+//! and Pearson's statistic compares the counts with the expectations. Samples that fail (`None`) or miss the domain
+//! are a cell of their own, expected as often as the density is short of one.
+
+use crate::math::Vec3;
+use crate::random::{PathRandom, Stream};
+use std::f64::consts::PI;
+
+/// Probability that any test of a family raises a false alarm. Seeds are fixed, so a test that passes once passes always.
+pub(crate) const FAMILY_FALSE_ALARM: f64 = 0.01;
+/// Cells with fewer expected samples are pooled, for the statistic to follow the chi-square distribution.
+const LEAST_EXPECTED: f64 = 5.0;
+/// Error that quadrature may make in the integral over the whole domain.
+const MASS_TOLERANCE: f64 = 1e-3;
+/// Quadrature splits every cell this often, to see narrow peaks, before it trusts its own error estimate.
+const FORCED_SPLITS: u32 = 2;
+/// Quadrature never splits a cell more often than this.
+const MOST_SPLITS: u32 = 9;
+
+/// A rectangle cut into equal cells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Domain {
+    /// Lower corner.
+    pub(crate) lower: [f64; 2],
+    /// Upper corner.
+    pub(crate) upper: [f64; 2],
+    /// Cells along each axis.
+    pub(crate) cells: [usize; 2],
+}
+
+impl Domain {
+    /// All directions, as (cos theta, phi) about +z: equal areas are equal solid angles, and z = 0 bounds cells.
+    pub(crate) const SPHERE: Self = Self {
+        lower: [-1.0, -PI],
+        upper: [1.0, PI],
+        cells: [24, 32],
+    };
+
+    fn cell_size(&self, axis: usize) -> f64 {
+        (self.upper[axis] - self.lower[axis]) / self.cells[axis] as f64
+    }
+
+    /// Index of the cell that holds `point`, row by row; the upper edges belong to the last cells.
+    fn cell_of(&self, point: [f64; 2]) -> Option<usize> {
+        let mut index = [0; 2];
+        for axis in 0..2 {
+            if !(self.lower[axis]..=self.upper[axis]).contains(&point[axis]) {
+                return None;
+            }
+            let position = (point[axis] - self.lower[axis]) / self.cell_size(axis);
+            index[axis] = (position as usize).min(self.cells[axis] - 1);
+        }
+        Some(index[0] * self.cells[1] + index[1])
+    }
+
+    /// Integral of `density` over each cell, in the order of [`Self::cell_of`].
+    pub(crate) fn integrate(&self, mut density: impl FnMut([f64; 2]) -> f64) -> Vec<f64> {
+        let size = [self.cell_size(0), self.cell_size(1)];
+        let mut integrals = Vec::with_capacity(self.cells[0] * self.cells[1]);
+        for i in 0..self.cells[0] {
+            for j in 0..self.cells[1] {
+                let lower = [self.lower[0] + i as f64 * size[0], self.lower[1] + j as f64 * size[1]];
+                let whole = gauss(&mut density, lower, size);
+                integrals.push(adapt(&mut density, lower, size, whole, 1e-6, 0));
+            }
+        }
+        integrals
+    }
+}
+
+/// Gauss-Legendre quadrature with 3 x 3 points over the rectangle.
+fn gauss(density: &mut impl FnMut([f64; 2]) -> f64, lower: [f64; 2], size: [f64; 2]) -> f64 {
+    const POINTS: [(f64, f64); 3] = [
+        (0.112_701_665_379_258_3, 5.0 / 18.0),
+        (0.5, 8.0 / 18.0),
+        (0.887_298_334_620_741_7, 5.0 / 18.0),
+    ];
+    let mut sum = 0.0;
+    for (x, weight_x) in POINTS {
+        for (y, weight_y) in POINTS {
+            sum += weight_x * weight_y * density([lower[0] + x * size[0], lower[1] + y * size[1]]);
+        }
+    }
+    sum * size[0] * size[1]
+}
+
+/// Splits the rectangle into quarters until the sum over them agrees with `whole` within `tolerance`.
+fn adapt(
+    density: &mut impl FnMut([f64; 2]) -> f64,
+    lower: [f64; 2],
+    size: [f64; 2],
+    whole: f64,
+    tolerance: f64,
+    splits: u32,
+) -> f64 {
+    let half = [size[0] / 2.0, size[1] / 2.0];
+    let corners =
+        [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)].map(|(i, j)| [lower[0] + i * half[0], lower[1] + j * half[1]]);
+    let quarters = corners.map(|corner| gauss(density, corner, half));
+    let sum: f64 = quarters.iter().sum();
+    if splits >= FORCED_SPLITS && ((sum - whole).abs() <= tolerance || splits >= MOST_SPLITS) {
+        return sum;
+    }
+    let mut refined = 0.0;
+    for (corner, quarter) in corners.into_iter().zip(quarters) {
+        refined += adapt(density, corner, half, quarter, tolerance / 2.0, splits + 1);
+    }
+    refined
+}
+
+/// What the test found.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outcome {
+    /// Probability of counts at least this far from the expectation if sampler and density agree.
+    pub(crate) p_value: f64,
+    /// Integral of the density over the domain.
+    pub(crate) density_mass: f64,
+    /// Share of the samples that fell into the domain.
+    pub(crate) sampled_mass: f64,
+    /// Cells compared, after pooling.
+    pub(crate) cells: usize,
+    samples: u32,
+}
+
+impl Outcome {
+    /// Whether sampler and density agree as one of `tests` tests (Sidak's correction of [`FAMILY_FALSE_ALARM`]).
+    pub(crate) fn passes(&self, tests: usize) -> bool {
+        let expected = self.density_mass.min(1.0);
+        let deviation = (expected * (1.0 - expected) / f64::from(self.samples)).sqrt();
+        self.density_mass <= 1.0 + MASS_TOLERANCE
+            && (self.sampled_mass - self.density_mass).abs() <= 6.0 * deviation + MASS_TOLERANCE
+            && self.p_value >= sidak(tests)
+    }
+}
+
+/// Significance of one of `tests` independent tests such that all of them together raise a false alarm with
+/// probability [`FAMILY_FALSE_ALARM`] (Sidak 1967).
+pub(crate) fn sidak(tests: usize) -> f64 {
+    -libm::expm1(libm::log1p(-FAMILY_FALSE_ALARM) / tests as f64)
+}
+
+/// Compares `samples` draws of `sampler` with `density`, per unit area of the domain.
+pub(crate) fn chi_square(
+    domain: &Domain,
+    samples: u32,
+    seed: u64,
+    mut sampler: impl FnMut(&mut PathRandom) -> Option<[f64; 2]>,
+    density: impl FnMut([f64; 2]) -> f64,
+) -> Outcome {
+    let integrals = domain.integrate(density);
+    let density_mass: f64 = integrals.iter().sum();
+    let mut counts = vec![0_u32; integrals.len()];
+    let mut missed = 0_u32;
+    for path in 0..samples {
+        let mut random = PathRandom::new(seed, 1, Stream::Camera, u64::from(path));
+        match sampler(&mut random).and_then(|point| domain.cell_of(point)) {
+            Some(cell) => counts[cell] += 1,
+            None => missed += 1,
+        }
+    }
+    let total = f64::from(samples);
+    let mut cells: Vec<(f64, f64)> = integrals
+        .into_iter()
+        .zip(counts)
+        .map(|(mass, count)| (mass * total, f64::from(count)))
+        .collect();
+    cells.push(((1.0 - density_mass).max(0.0) * total, f64::from(missed)));
+    let pooled = pool(cells);
+    let statistic: f64 = pooled
+        .iter()
+        .map(|(expected, count)| (count - expected) * (count - expected) / expected)
+        .sum();
+    let finite = density_mass.is_finite() && statistic.is_finite();
+    Outcome {
+        p_value: if finite {
+            survival(statistic, pooled.len() - 1)
+        } else {
+            0.0
+        },
+        density_mass,
+        sampled_mass: 1.0 - f64::from(missed) / total,
+        cells: pooled.len(),
+        samples,
+    }
+}
+
+/// Merges (expected, counted) cells, the rarest first, until each has [`LEAST_EXPECTED`] expected samples.
+fn pool(mut cells: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    cells.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut rare = (0.0, 0.0);
+    while let Some(&(expected, count)) = cells.last() {
+        if expected >= LEAST_EXPECTED && (rare.0 >= LEAST_EXPECTED || rare == (0.0, 0.0)) {
+            break;
+        }
+        rare = (rare.0 + expected, rare.1 + count);
+        cells.pop();
+    }
+    if rare != (0.0, 0.0) {
+        cells.push(rare);
+    }
+    cells
+}
+
+/// Compares a sampler of unit directions with its density per solid angle over the whole sphere, and panics with
+/// the figures where they disagree. `tests`: how many such tests the family has.
+pub(crate) fn assert_directions(
+    label: &str,
+    tests: usize,
+    mut sampler: impl FnMut(&mut PathRandom) -> Option<Vec3>,
+    mut density: impl FnMut(Vec3) -> f32,
+) {
+    let outcome = chi_square(
+        &Domain::SPHERE,
+        1 << 19,
+        0x00c0_ffee,
+        |random| sampler(random).map(to_cos_phi),
+        |point| f64::from(density(from_cos_phi(point))),
+    );
+    assert!(
+        outcome.passes(tests),
+        "{label}: {outcome:?}, significance {:e}",
+        sidak(tests)
+    );
+}
+
+/// (cos theta, phi) of a unit direction, phi in (-pi, pi].
+pub(crate) fn to_cos_phi(direction: Vec3) -> [f64; 2] {
+    let d = direction.as_dvec3().normalize();
+    [d.z, libm::atan2(d.y, d.x)]
+}
+
+/// The unit direction of (cos theta, phi).
+pub(crate) fn from_cos_phi([z, phi]: [f64; 2]) -> Vec3 {
+    let sine = (1.0 - z * z).max(0.0).sqrt();
+    glam::DVec3::new(sine * libm::cos(phi), sine * libm::sin(phi), z).as_vec3()
+}
+
+/// Probability that a chi-square variable with `degrees` degrees of freedom exceeds `statistic`.
+fn survival(statistic: f64, degrees: usize) -> f64 {
+    if degrees == 0 {
+        return 1.0;
+    }
+    upper_gamma(degrees as f64 / 2.0, statistic / 2.0)
+}
+
+/// Regularised upper incomplete gamma function Q(a, x): series below `a + 1`, Legendre's continued fraction, evaluated
+/// by Lentz's method, above.
+fn upper_gamma(a: f64, x: f64) -> f64 {
+    if x <= 0.0 {
+        return 1.0;
+    }
+    let front = libm::exp(a * libm::log(x) - x - libm::lgamma(a));
+    if x < a + 1.0 {
+        let (mut term, mut sum, mut n) = (1.0 / a, 1.0 / a, a);
+        while term > sum * 1e-16 {
+            n += 1.0;
+            term *= x / n;
+            sum += term;
+        }
+        return 1.0 - front * sum;
+    }
+    let mut b = x + 1.0 - a;
+    let (mut c, mut d) = (1e300, 1.0 / b);
+    let mut fraction = d;
+    for i in 1..10_000 {
+        let numerator = -f64::from(i) * (f64::from(i) - a);
+        b += 2.0;
+        d = 1.0 / (numerator * d + b);
+        c = b + numerator / c;
+        fraction *= d * c;
+        if (d * c - 1.0).abs() < 1e-15 {
+            break;
+        }
+    }
+    front * fraction
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::warp;
+
+    #[test]
+    fn incomplete_gamma_agrees_with_closed_forms() {
+        for x in [0.1, 1.0, 3.0, 20.0] {
+            assert!((upper_gamma(1.0, x) - libm::exp(-x)).abs() < 1e-14);
+            assert!((upper_gamma(0.5, x) - libm::erfc(x.sqrt())).abs() < 1e-14);
+            let three = libm::exp(-x) * (1.0 + x + x * x / 2.0);
+            assert!((upper_gamma(3.0, x) - three).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn the_warps_match_their_densities() {
+        assert_directions(
+            "cosine hemisphere",
+            3,
+            |random| Some(warp::square_to_cosine_hemisphere(random.next_2d())),
+            |d| warp::cosine_hemisphere_pdf(d.z),
+        );
+        assert_directions(
+            "sphere",
+            3,
+            |random| Some(warp::square_to_sphere(random.next_2d())),
+            |_| (1.0 / (4.0 * PI)) as f32,
+        );
+        let cos_max = 0.7;
+        assert_directions(
+            "cone",
+            3,
+            |random| Some(warp::square_to_cone(random.next_2d(), cos_max)),
+            |d| {
+                if d.z >= cos_max {
+                    1.0 / (2.0 * crate::math::PI * (1.0 - cos_max))
+                } else {
+                    0.0
+                }
+            },
+        );
+    }
+
+    #[test]
+    fn failures_count_as_missing_mass() {
+        let outcome = chi_square(
+            &Domain::SPHERE,
+            100_000,
+            1,
+            |random| (random.next() < 0.25).then(|| to_cos_phi(warp::square_to_sphere(random.next_2d()))),
+            |_| 0.25 / (4.0 * PI),
+        );
+        assert!(outcome.passes(1), "{outcome:?}");
+        assert!((outcome.density_mass - 0.25).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_wrong_density_is_caught() {
+        let hemisphere =
+            |random: &mut PathRandom| Some(to_cos_phi(warp::square_to_cosine_hemisphere(random.next_2d())));
+        let run = |density: fn([f64; 2]) -> f64| chi_square(&Domain::SPHERE, 1 << 18, 1, hemisphere, density);
+        let (uniform, tilted, partial) = (
+            run(|[z, _]| if z > 0.0 { 0.5 / PI } else { 0.0 }),
+            run(|[z, phi]| z.max(0.0) / PI * (1.0 + 0.05 * libm::cos(phi))),
+            run(|[z, _]| 0.97 * z.max(0.0) / PI),
+        );
+        assert!(uniform.p_value < 1e-12 && tilted.p_value < 1e-6 && !partial.passes(1000));
+        let outside = run(|[z, _]| if z > 0.1 { z / (PI * 0.99) } else { 0.0 });
+        assert!((outside.density_mass - 1.0).abs() < 1e-3 && outside.p_value < 1e-12);
+    }
+
+    #[test]
+    fn significance_shrinks_with_the_size_of_the_family() {
+        assert!((sidak(1) - FAMILY_FALSE_ALARM).abs() < 1e-15);
+        let family = 1.0 - libm::pow(1.0 - sidak(40), 40.0);
+        assert!((family - FAMILY_FALSE_ALARM).abs() < 1e-12);
+    }
+}
