@@ -1,0 +1,97 @@
+//! What a picture says about how it was made.
+
+use crate::settings::IntegratorSettings;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Everything that repeats a render: the same scene, settings, seed and iterations give the same pixels, bit for bit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PictureMetadata {
+    /// Version of Photonfarm.
+    pub version: String,
+    /// Hash of the scene bundle: the scene file and every file that it names.
+    pub scene_hash: String,
+    /// Values given to the scene's `<default>`s, by name.
+    pub defines: BTreeMap<String, String>,
+    /// The integrator and its settings.
+    pub integrator: IntegratorSettings,
+    /// Seed of the job.
+    pub seed: u64,
+    /// Iterations averaged: 1 to this number.
+    pub iterations: u64,
+    /// Spatial bandwidth of the first and the last iteration [scene units]; none for `path`.
+    pub sigma: Option<[f32; 2]>,
+    /// Angular bandwidth of the first and the last iteration [radians]; `pcf` only.
+    pub theta: Option<[f32; 2]>,
+}
+
+/// A metadata value of a picture file.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Entry {
+    Text(String),
+    Integer(i32),
+    Float(f32),
+}
+
+impl PictureMetadata {
+    /// The metadata as JSON in ASCII, since the strings of an OpenEXR file have no encoding.
+    pub(super) fn to_ascii_json(&self) -> Result<String, serde_json::Error> {
+        let json = serde_json::to_string(self)?;
+        let mut ascii = String::with_capacity(json.len());
+        for c in json.chars() {
+            if c.is_ascii() {
+                ascii.push(c);
+            } else {
+                for unit in c.encode_utf16(&mut [0; 2]) {
+                    ascii.push_str(&format!("\\u{unit:04x}"));
+                }
+            }
+        }
+        Ok(ascii)
+    }
+
+    /// The metadata value by value, under the names of the job's JSON. A setting that is left to its automatic value
+    /// has no entry.
+    pub(super) fn entries(&self) -> Result<Vec<(String, Entry)>, serde_json::Error> {
+        let mut entries = vec![
+            ("scene_hash".to_owned(), Entry::Text(self.scene_hash.clone())),
+            ("seed".to_owned(), integer(self.seed)),
+            ("iterations".to_owned(), integer(self.iterations)),
+        ];
+        for (name, range) in [("sigma", self.sigma), ("theta", self.theta)] {
+            if let Some([first, last]) = range {
+                entries.push((format!("{name}_first"), Entry::Float(first)));
+                entries.push((format!("{name}_last"), Entry::Float(last)));
+            }
+        }
+        if let Value::Object(settings) = serde_json::to_value(&self.integrator)? {
+            for (name, value) in settings {
+                let name = if name == "type" { "integrator".to_owned() } else { name };
+                entries.extend(setting(&value).map(|entry| (name, entry)));
+            }
+        }
+        Ok(entries)
+    }
+}
+
+fn integer(value: u64) -> Entry {
+    i32::try_from(value).map_or_else(|_| Entry::Text(value.to_string()), Entry::Integer)
+}
+
+fn setting(value: &Value) -> Option<Entry> {
+    match value {
+        Value::Null => None,
+        Value::String(text) => Some(Entry::Text(text.clone())),
+        Value::Number(number) => Some(match number.as_u64() {
+            Some(number) => integer(number),
+            None => Entry::Float(number.as_f64().unwrap_or(f64::NAN) as f32),
+        }),
+        Value::Array(items) => {
+            let items: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
+            Some(Entry::Text(items.join(",")))
+        }
+        other => Some(Entry::Text(other.to_string())),
+    }
+}

@@ -1,0 +1,47 @@
+//! Pictures as files: OpenEXR with metadata, and PNG by a tone curve.
+
+mod metadata;
+mod openexr;
+mod tone;
+
+pub use metadata::PictureMetadata;
+pub use openexr::{DecodedExr, decode_exr, encode_exr};
+pub use tone::{ToneCurve, encode_png};
+
+use thiserror::Error;
+
+/// Why a picture cannot be written or read.
+#[derive(Debug, Error)]
+pub enum PictureError {
+    /// The image's buffers do not have the length that its size says.
+    #[error("an image of {width} x {height} pixels has {pixels} pixels and {standard_errors} standard errors")]
+    Size {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// Length of the pixel buffer.
+        pixels: usize,
+        /// Length of the buffer of standard errors.
+        standard_errors: usize,
+    },
+    /// More pixels than the caller allows.
+    #[error("the image has {width} x {height} pixels; the limit is {limit} pixels")]
+    TooLarge {
+        /// Pixels across.
+        width: usize,
+        /// Pixels down.
+        height: usize,
+        /// Most pixels allowed.
+        limit: usize,
+    },
+    /// Not a readable OpenEXR file.
+    #[error("not a readable OpenEXR file: {0}")]
+    Exr(#[from] exr::error::Error),
+    /// Not writable as PNG.
+    #[error("cannot write PNG: {0}")]
+    Png(#[from] image::ImageError),
+    /// Metadata of this project that does not parse.
+    #[error("the picture's metadata: {0}")]
+    Metadata(#[from] serde_json::Error),
+}

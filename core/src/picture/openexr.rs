@@ -1,0 +1,328 @@
+//! OpenEXR: 32-bit float channels R, G and B, the standard error of the luminance, and metadata.
+
+use super::PictureError;
+use super::metadata::{Entry, PictureMetadata};
+use crate::film::Image;
+use crate::spectrum::Spectrum;
+use exr::image::write::WritableImage;
+use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer};
+use exr::math::Vec2;
+use exr::meta::MetaData;
+use exr::meta::attribute::{AttributeValue, Chromaticities, Text};
+use exr::meta::header::LayerAttributes;
+use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
+use std::io::Cursor;
+
+/// Channel with the standard error of each pixel's luminance.
+const STANDARD_ERROR: &str = "standard_error";
+/// Attribute with the whole metadata as JSON.
+const METADATA: &str = "photonfarm";
+/// Most bytes that all channels of a pixel may take in a file that is read: 64 channels of 32 bits.
+const MAX_BYTES_PER_PIXEL: usize = 256;
+/// CIE xy chromaticities of Rec. 709 (ITU-R BT.709-6, item 1.3 and 1.4).
+const REC_709: Chromaticities = Chromaticities {
+    red: Vec2(0.64, 0.33),
+    green: Vec2(0.30, 0.60),
+    blue: Vec2(0.15, 0.06),
+    white: Vec2(0.3127, 0.3290),
+};
+
+/// A picture as read from a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DecodedExr {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Radiance, row by row from the top left.
+    pub pixels: Vec<Spectrum>,
+    /// Standard error of each pixel's luminance; empty where the file has none.
+    pub standard_error: Vec<f32>,
+    /// How the picture was made, where the file is one of ours.
+    pub metadata: Option<PictureMetadata>,
+}
+
+/// Writes an image as OpenEXR. The same image and metadata give the same bytes.
+pub fn encode_exr(image: &Image, metadata: &PictureMetadata) -> Result<Vec<u8>, PictureError> {
+    let size = image.width as usize * image.height as usize;
+    let errors = image.standard_error.len();
+    if image.pixels.len() != size || (errors != 0 && errors != size) || size == 0 {
+        return Err(PictureError::Size {
+            width: image.width,
+            height: image.height,
+            pixels: image.pixels.len(),
+            standard_errors: errors,
+        });
+    }
+    let colour = |channel: usize| image.pixels.iter().map(|p| p.to_rgb()[channel]).collect();
+    let mut channels = vec![
+        linear_channel("R", colour(0)),
+        linear_channel("G", colour(1)),
+        linear_channel("B", colour(2)),
+    ];
+    if errors != 0 {
+        channels.push(linear_channel(STANDARD_ERROR, image.standard_error.clone()));
+    }
+    let layer = Layer::new(
+        (image.width as usize, image.height as usize),
+        attributes(metadata)?,
+        Encoding::SMALL_LOSSLESS,
+        AnyChannels::sort(channels.into()),
+    );
+    let mut picture = exr::image::Image::from_layer(layer);
+    picture.attributes.chromaticities = Some(REC_709);
+    let mut bytes = Vec::new();
+    picture.write().non_parallel().to_buffered(Cursor::new(&mut bytes))?;
+    sort_header(&mut bytes);
+    Ok(bytes)
+}
+
+fn linear_channel(name: &str, samples: Vec<f32>) -> AnyChannel<FlatSamples> {
+    AnyChannel {
+        name: Text::from(name),
+        sample_data: FlatSamples::F32(samples),
+        quantize_linearly: true,
+        sampling: Vec2(1, 1),
+    }
+}
+
+fn attributes(metadata: &PictureMetadata) -> Result<LayerAttributes, PictureError> {
+    let mut attributes = LayerAttributes {
+        software_name: Some(text(&format!("Photonfarm {}", metadata.version))),
+        ..LayerAttributes::default()
+    };
+    for (name, entry) in metadata.entries()? {
+        let value = match entry {
+            Entry::Text(value) => AttributeValue::Text(text(&value)),
+            Entry::Integer(value) => AttributeValue::I32(value),
+            Entry::Float(value) => AttributeValue::F32(value),
+        };
+        attributes.other.insert(text(&name), value);
+    }
+    attributes
+        .other
+        .insert(text(METADATA), AttributeValue::Text(text(&metadata.to_ascii_json()?)));
+    Ok(attributes)
+}
+
+/// Text of the file; what is not ASCII becomes a question mark, since the format names no encoding.
+fn text(value: &str) -> Text {
+    let ascii = value.bytes().map(|b| if b.is_ascii() { b } else { b'?' }).collect();
+    Text::from_bytes_unchecked(ascii)
+}
+
+/// Sorts the attributes of the header by name: the `exr` crate keeps those of applications in a hash map, whose order
+/// differs from run to run. Each is a name and a type, both ended by a zero, a length and that many bytes; an empty
+/// name ends the header. The header's length stays, so offsets into the file stay right.
+fn sort_header(bytes: &mut [u8]) {
+    const START: usize = 8;
+    let end_of_text = |from: usize| from + bytes[from..].iter().position(|&b| b == 0).map_or(0, |n| n + 1);
+    let mut attributes: Vec<&[u8]> = Vec::new();
+    let mut at = START;
+    while bytes[at] != 0 {
+        let size_at = end_of_text(end_of_text(at));
+        let size = u32::from_le_bytes(std::array::from_fn(|i| bytes[size_at + i])) as usize;
+        let next = size_at + 4 + size;
+        attributes.push(&bytes[at..next]);
+        at = next;
+    }
+    attributes.sort_unstable();
+    let sorted = attributes.concat();
+    bytes[START..at].copy_from_slice(&sorted);
+}
+
+/// Reads an OpenEXR file of at most `max_pixels` pixels: R, G and B of the first layer that has them, as 16- or 32-bit
+/// values.
+pub fn decode_exr(bytes: &[u8], max_pixels: usize) -> Result<DecodedExr, PictureError> {
+    for header in MetaData::read_from_buffered(Cursor::new(bytes), false)?.headers {
+        let Vec2(width, height) = header.layer_size;
+        if width.checked_mul(height).is_none_or(|pixels| pixels > max_pixels) {
+            return Err(PictureError::TooLarge {
+                width,
+                height,
+                limit: max_pixels,
+            });
+        }
+        if header.channels.bytes_per_pixel > MAX_BYTES_PER_PIXEL {
+            let reason = format!(
+                "{} bytes per pixel; the limit is {MAX_BYTES_PER_PIXEL}",
+                header.channels.bytes_per_pixel
+            );
+            return Err(exr::error::Error::NotSupported(reason.into()).into());
+        }
+    }
+    let picture = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .specific_channels()
+        .required("R")
+        .required("G")
+        .required("B")
+        .optional(STANDARD_ERROR, 0.0)
+        .collect_pixels(
+            |size, (.., error)| Raster {
+                width: size.width(),
+                pixels: vec![Spectrum::ZERO; size.area()],
+                standard_error: vec![0.0; if error.is_some() { size.area() } else { 0 }],
+            },
+            |raster: &mut Raster, at, (r, g, b, error): (f32, f32, f32, f32)| {
+                let index = at.y() * raster.width + at.x();
+                raster.pixels[index] = Spectrum::from_rgb([r, g, b]);
+                if let Some(slot) = raster.standard_error.get_mut(index) {
+                    *slot = error;
+                }
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))?;
+    let layer = picture.layer_data;
+    let metadata = match layer.attributes.other.get(&text(METADATA)) {
+        Some(AttributeValue::Text(json)) => Some(serde_json::from_slice(json.as_slice())?),
+        _ => None,
+    };
+    Ok(DecodedExr {
+        width: layer.size.width() as u32,
+        height: layer.size.height() as u32,
+        pixels: layer.channel_data.pixels.pixels,
+        standard_error: layer.channel_data.pixels.standard_error,
+        metadata,
+    })
+}
+
+/// Pixels while a file is read.
+struct Raster {
+    width: usize,
+    pixels: Vec<Spectrum>,
+    standard_error: Vec<f32>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{IntegratorSettings, PcfSettings};
+
+    const MANY: usize = 1 << 20;
+
+    fn image(width: u32, height: u32, iterations: u64) -> Image {
+        let count = (width * height) as usize;
+        let value = |i: usize| (i as f32 * 0.37).fract() * [1e-3, 1.0, 1e3][i % 3];
+        Image {
+            width,
+            height,
+            iterations,
+            pixels: (0..count)
+                .map(|i| Spectrum::from_rgb([value(i), value(i + 7), value(i + 11)]))
+                .collect(),
+            standard_error: if iterations < 2 {
+                Vec::new()
+            } else {
+                (0..count).map(|i| value(i + 3)).collect()
+            },
+        }
+    }
+
+    fn metadata() -> PictureMetadata {
+        PictureMetadata {
+            version: "1.2.3".into(),
+            scene_hash: "ab12".into(),
+            defines: [("größe".into(), "2 \u{1F4A1} \"quoted\"".into())].into(),
+            integrator: IntegratorSettings::Pcf(PcfSettings {
+                alpha: 0.3,
+                ..PcfSettings::default()
+            }),
+            seed: u64::MAX,
+            iterations: 64,
+            sigma: Some([0.1, 0.05]),
+            theta: Some([0.3, 0.15]),
+        }
+    }
+
+    #[test]
+    fn pixels_errors_and_metadata_come_back() {
+        let original = image(37, 21, 64);
+        let decoded = decode_exr(&encode_exr(&original, &metadata()).unwrap(), MANY).unwrap();
+        assert_eq!((decoded.width, decoded.height), (37, 21));
+        assert_eq!(decoded.pixels, original.pixels);
+        assert_eq!(decoded.standard_error, original.standard_error);
+        assert_eq!(decoded.metadata, Some(metadata()));
+    }
+
+    #[test]
+    fn one_iteration_has_no_error_channel() {
+        let decoded = decode_exr(&encode_exr(&image(5, 4, 1), &metadata()).unwrap(), MANY).unwrap();
+        assert!(decoded.standard_error.is_empty());
+    }
+
+    #[test]
+    fn each_setting_has_its_attribute() {
+        let bytes = encode_exr(&image(4, 4, 64), &metadata()).unwrap();
+        let header = MetaData::read_from_buffered(Cursor::new(&bytes), true)
+            .unwrap()
+            .headers
+            .remove(0);
+        let attribute = |name: &str| header.own_attributes.other.get(&text(name)).cloned();
+        let string = |value: &str| Some(AttributeValue::Text(text(value)));
+        assert_eq!(attribute("integrator"), string("pcf"));
+        assert_eq!(attribute("alpha"), Some(AttributeValue::F32(0.3)));
+        assert_eq!(attribute("photons"), Some(AttributeValue::I32(200_000)));
+        assert_eq!(attribute("lookup_vertex"), string("auto"));
+        assert_eq!(attribute("samplers"), string("bsdf,camera"));
+        assert_eq!(attribute("seed"), string("18446744073709551615"));
+        assert_eq!(attribute("iterations"), Some(AttributeValue::I32(64)));
+        assert_eq!(attribute("sigma_first"), Some(AttributeValue::F32(0.1)));
+        assert_eq!(attribute("sigma_last"), Some(AttributeValue::F32(0.05)));
+        assert_eq!(attribute("theta_last"), Some(AttributeValue::F32(0.15)));
+        assert_eq!(attribute("scene_hash"), string("ab12"));
+        assert_eq!(attribute("sigma1"), None);
+        assert_eq!(header.own_attributes.software_name, Some(text("Photonfarm 1.2.3")));
+    }
+
+    #[test]
+    fn bytes_are_the_same_every_time() {
+        let first = encode_exr(&image(16, 16, 2), &metadata()).unwrap();
+        for _ in 0..8 {
+            assert_eq!(encode_exr(&image(16, 16, 2), &metadata()).unwrap(), first);
+        }
+    }
+
+    #[test]
+    fn wrong_sizes_and_too_many_pixels_are_errors() {
+        let mut broken = image(4, 4, 2);
+        broken.pixels.pop();
+        assert!(matches!(
+            encode_exr(&broken, &metadata()),
+            Err(PictureError::Size { pixels: 15, .. })
+        ));
+        let bytes = encode_exr(&image(8, 8, 2), &metadata()).unwrap();
+        assert!(matches!(
+            decode_exr(&bytes, 63),
+            Err(PictureError::TooLarge { limit: 63, .. })
+        ));
+    }
+
+    #[test]
+    fn every_truncation_is_an_error() {
+        let bytes = encode_exr(&image(9, 5, 2), &metadata()).unwrap();
+        for length in 0..bytes.len() {
+            assert!(
+                decode_exr(&bytes[..length], MANY).is_err(),
+                "{length} of {} bytes",
+                bytes.len()
+            );
+        }
+    }
+
+    #[test]
+    fn damaged_bytes_never_panic() {
+        let bytes = encode_exr(&image(9, 5, 2), &metadata()).unwrap();
+        for at in 0..bytes.len() {
+            for damage in [0x01, 0x80, 0xff] {
+                let mut damaged = bytes.clone();
+                damaged[at] ^= damage;
+                let _ = decode_exr(&damaged, MANY);
+            }
+        }
+    }
+}
