@@ -14,6 +14,8 @@ pub enum Stream {
     Camera = 1,
     /// Paths traced from the lights.
     Light = 2,
+    /// Paths that measure the scene before rendering.
+    Probe = 3,
 }
 
 /// The random numbers of one path, drawn in order of dimension.

@@ -1,1 +1,92 @@
-//! Bandwidth schedules.
+//! Bandwidth schedules: closed functions of the iteration index, so that iterations need nothing from each other.
+
+/// Share of the first iteration's squared bandwidth that is left in iteration `i` (1, 2, ...):
+/// `prod_{k=1}^{i-1} (k + alpha) / (k + 1)` (Knaus and Zwicker 2011, equation 15; thesis equation 3.27).
+fn remaining_share(iteration: u32, alpha: f64) -> f64 {
+    (1..iteration)
+        .map(|k| (f64::from(k) + alpha) / (f64::from(k) + 1.0))
+        .product()
+}
+
+/// Radius of iteration `iteration` (1, 2, ...) over the first radius, for PPPM: `r_i^2 = r_1^2 prod (k + alpha) / (k + 1)`
+/// (Knaus and Zwicker 2011, equation 15).
+#[must_use]
+pub fn pppm_radius_ratio(iteration: u32, alpha: f64) -> f64 {
+    remaining_share(iteration, alpha).sqrt()
+}
+
+/// Spatial bandwidth of iteration `iteration` (1, 2, ...) over the first one, for PCF: the root `s` of
+/// `s^2 (1 - cos(theta_1 s^p)) = (1 - cos theta_1) prod (k + alpha) / (k + 1)` (thesis equation 3.27).
+///
+/// `theta1` in radians, in (0, pi]; `p` at least 1. The left side grows with `s`, so bisection finds the root to the
+/// last bit of an `f64`.
+#[must_use]
+pub fn pcf_sigma_ratio(iteration: u32, alpha: f64, p: f64, theta1: f64) -> f64 {
+    let target = one_minus_cos(theta1) * remaining_share(iteration, alpha);
+    let (mut low, mut high) = (0.0_f64, 1.0_f64);
+    loop {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            return high;
+        }
+        if middle * middle * one_minus_cos(theta1 * libm::pow(middle, p)) < target {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+}
+
+/// Angular bandwidth [radians] at the spatial bandwidth `sigma_ratio` times the first one: `t(sigma) = theta_1 (sigma / sigma_1)^p`.
+#[must_use]
+pub fn pcf_theta(sigma_ratio: f64, p: f64, theta1: f64) -> f64 {
+    theta1 * libm::pow(sigma_ratio, p)
+}
+
+fn one_minus_cos(angle: f64) -> f64 {
+    let half = libm::sin(0.5 * angle);
+    2.0 * half * half
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pppm_matches_the_gamma_function_form() {
+        let alpha = 2.0 / 3.0;
+        for i in [1_u32, 2, 10, 1000] {
+            let n = f64::from(i);
+            let closed = libm::exp(libm::lgamma(n + alpha) - libm::lgamma(1.0 + alpha) - libm::lgamma(n + 1.0));
+            let ratio = pppm_radius_ratio(i, alpha);
+            assert!(
+                (ratio * ratio / closed - 1.0).abs() < 1e-10,
+                "iteration {i}: {} against {closed}",
+                ratio * ratio
+            );
+        }
+    }
+
+    #[test]
+    fn pcf_solves_its_equation_and_starts_at_one() {
+        let theta1 = 18.0_f64.to_radians();
+        for (alpha, p) in [(0.2, 1.0), (0.2, 2.0), (0.7, 1.5)] {
+            assert_eq!(pcf_sigma_ratio(1, alpha, p, theta1), 1.0);
+            for i in [2_u32, 17, 1000] {
+                let s = pcf_sigma_ratio(i, alpha, p, theta1);
+                let left = s * s * one_minus_cos(pcf_theta(s, p, theta1));
+                let right = one_minus_cos(theta1) * remaining_share(i, alpha);
+                assert!((left / right - 1.0).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn pcf_shrinks_at_the_rate_of_the_small_angle_limit() {
+        let (alpha, p, theta1) = (0.2, 1.5, 0.1_f64.to_radians());
+        let i = 500_u32;
+        let ratio = pcf_sigma_ratio(i, alpha, p, theta1) / pcf_sigma_ratio(i + 1, alpha, p, theta1);
+        let expected = f64::from(i + 1) / (f64::from(i) + alpha);
+        assert!((libm::pow(ratio, 2.0 * p + 2.0) / expected - 1.0).abs() < 1e-6);
+    }
+}

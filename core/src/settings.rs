@@ -2,6 +2,7 @@
 //! command line (`--set name=value`) and in the image's metadata.
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 /// An integrator with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -13,6 +14,117 @@ pub enum IntegratorSettings {
     Pppm(PppmSettings),
     /// Photon cone focusing (Chang 2019).
     Pcf(PcfSettings),
+}
+
+/// A setting that no image can be made with.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("setting `{name}` is {value}: expected {expected}")]
+pub struct SettingError {
+    /// The setting, by its name in a job.
+    pub name: &'static str,
+    /// What was asked for.
+    pub value: String,
+    /// What is allowed.
+    pub expected: &'static str,
+}
+
+/// Most light paths of an iteration; a map then stays below its limit of records at a dozen records a path.
+pub const MAX_PHOTONS: u32 = 100_000_000;
+
+/// Most camera samples per pixel of an iteration.
+pub const MAX_SAMPLES: u32 = 65_536;
+
+impl IntegratorSettings {
+    /// The integrator's name in a job.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Path(_) => "path",
+            Self::Pppm(_) => "pppm",
+            Self::Pcf(_) => "pcf",
+        }
+    }
+
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn validate(&self) -> Result<(), SettingError> {
+        match self {
+            Self::Path(s) => check_common(s.samples, s.max_depth),
+            Self::Pppm(s) => {
+                check_common(s.samples, s.max_depth)?;
+                check_photons(s.photons, s.alpha, s.sigma1)
+            }
+            Self::Pcf(s) => {
+                check_common(s.samples, s.max_depth)?;
+                check_photons(s.photons, s.alpha, s.sigma1)?;
+                check("p", s.p, (1.0..=16.0).contains(&s.p), "a number from 1 to 16")?;
+                check(
+                    "theta1",
+                    s.theta1,
+                    s.theta1 > 0.0 && s.theta1 <= 180.0,
+                    "degrees above 0, up to 180",
+                )?;
+                let distinct = s
+                    .samplers
+                    .iter()
+                    .enumerate()
+                    .all(|(i, sampler)| !s.samplers[..i].contains(sampler));
+                let names = format!("{:?}", s.samplers);
+                check(
+                    "samplers",
+                    names,
+                    !s.samplers.is_empty() && distinct,
+                    "one or more of bsdf, camera, each once",
+                )
+            }
+        }
+    }
+}
+
+fn check_common(samples: u32, max_depth: Option<u32>) -> Result<(), SettingError> {
+    check("samples", samples, (1..=MAX_SAMPLES).contains(&samples), "1 to 65536")?;
+    check(
+        "max_depth",
+        format!("{max_depth:?}"),
+        max_depth != Some(0),
+        "at least one edge, or none for no limit",
+    )
+}
+
+fn check_photons(photons: u32, alpha: f32, sigma1: Option<f32>) -> Result<(), SettingError> {
+    check(
+        "photons",
+        photons,
+        (1..=MAX_PHOTONS).contains(&photons),
+        "1 to 100 million",
+    )?;
+    check(
+        "alpha",
+        alpha,
+        alpha > 0.0 && alpha < 1.0,
+        "a number between 0 and 1, both excluded",
+    )?;
+    let sigma1 = sigma1.unwrap_or(1.0);
+    check(
+        "sigma1",
+        sigma1,
+        sigma1 > 0.0 && sigma1.is_finite(),
+        "a positive length in scene units",
+    )
+}
+
+fn check(name: &'static str, value: impl ToString, valid: bool, expected: &'static str) -> Result<(), SettingError> {
+    if valid {
+        Ok(())
+    } else {
+        Err(SettingError {
+            name,
+            value: value.to_string(),
+            expected,
+        })
+    }
 }
 
 /// Settings of `path`.

@@ -1,0 +1,102 @@
+//! How wide the kernels of an iteration are.
+
+use super::GLOSSY_ROUGHNESS;
+use crate::material::TransportMode;
+use crate::math::Vec2;
+use crate::random::{PathRandom, Stream};
+use crate::scene::Scene;
+use crate::schedule;
+use crate::settings::{IntegratorSettings, PcfSettings};
+
+use super::vertex::{Tracer, Vertex};
+
+/// Kernel sizes of an iteration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bandwidth {
+    /// Radius of the disc in which photons or cones count [scene units].
+    pub sigma: f32,
+    /// Half angle within which cones count [radians]; pi, every direction, for photons.
+    pub theta: f32,
+}
+
+/// Kernel sizes of iteration `iteration` (1, 2, ...); `None` for an integrator without kernels.
+///
+/// A `sigma1` that the settings leave open is [`automatic_sigma1`].
+#[must_use]
+pub fn bandwidth(scene: &Scene, settings: &IntegratorSettings, iteration: u32) -> Option<Bandwidth> {
+    match settings {
+        IntegratorSettings::Path(_) => None,
+        IntegratorSettings::Pppm(s) => {
+            let sigma1 = s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons));
+            let ratio = schedule::pppm_radius_ratio(iteration, f64::from(s.alpha));
+            Some(Bandwidth {
+                sigma: (f64::from(sigma1) * ratio) as f32,
+                theta: std::f32::consts::PI,
+            })
+        }
+        IntegratorSettings::Pcf(s) => {
+            let sigma1 = s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons));
+            Some(pcf_bandwidth(s, sigma1, iteration))
+        }
+    }
+}
+
+fn pcf_bandwidth(settings: &PcfSettings, sigma1: f32, iteration: u32) -> Bandwidth {
+    let theta1 = f64::from(settings.theta1).to_radians();
+    let p = f64::from(settings.p);
+    let ratio = schedule::pcf_sigma_ratio(iteration, f64::from(settings.alpha), p, theta1);
+    Bandwidth {
+        sigma: (f64::from(sigma1) * ratio) as f32,
+        theta: schedule::pcf_theta(ratio, p, theta1) as f32,
+    }
+}
+
+/// Records that the first disc would hold if the light paths of an iteration ended evenly over what the camera sees.
+const RECORDS_IN_FIRST_DISC: f32 = 10.0;
+
+/// Rays per side of the grid of probes through the image.
+const PROBES: u32 = 24;
+
+/// Specular bounces that a probe follows.
+const PROBE_EDGES: u32 = 16;
+
+/// A first bandwidth from the scene and the pixel footprint [scene units].
+///
+/// Probes through the image, a fixed grid of them, follow specular surfaces to the first rough one; the median of the
+/// pixel's footprint over their lengths, times the number of pixels, stands for the area in view. The disc is as large
+/// as holds [`RECORDS_IN_FIRST_DISC`] of the iteration's `photons` spread over that area, and at least one pixel.
+fn automatic_sigma1(scene: &Scene, photons: u32) -> f32 {
+    let [width, height] = scene.film.resolution;
+    let mut footprints: Vec<f32> = (0..PROBES * PROBES)
+        .filter_map(|probe| {
+            let cell = Vec2::new((probe % PROBES) as f32 + 0.5, (probe / PROBES) as f32 + 0.5) / PROBES as f32;
+            probe_distance(scene, cell * Vec2::new(width as f32, height as f32), probe)
+        })
+        .map(|distance| scene.sensor.pixel_footprint(distance))
+        .collect();
+    footprints.sort_unstable_by(f32::total_cmp);
+    let (low, high) = scene.geometry.bounds();
+    let nothing_seen = scene.sensor.pixel_footprint((high - low).length());
+    let footprint = footprints.get(footprints.len() / 2).copied().unwrap_or(nothing_seen);
+    let pixels = width as f32 * height as f32;
+    let discs = (RECORDS_IN_FIRST_DISC * pixels / (std::f32::consts::PI * photons as f32)).sqrt();
+    footprint * discs.max(1.0)
+}
+
+/// Length of the path from the camera through image position `pixel` to the first surface that is not specular or glossy.
+fn probe_distance(scene: &Scene, pixel: Vec2, probe: u32) -> Option<f32> {
+    let mut random = PathRandom::new(0, 0, Stream::Probe, u64::from(probe));
+    let mut tracer = Tracer::new(scene);
+    let mut ray = scene.sensor.ray(pixel, Vec2::splat(0.5));
+    let mut distance = 0.0;
+    for _ in 0..PROBE_EDGES {
+        let point = tracer.intersect(&ray)?;
+        distance += point.distance;
+        let vertex = Vertex::new(scene, point, -ray.direction, TransportMode::Radiance);
+        if !vertex.material.is_glossier_than(GLOSSY_ROUGHNESS) {
+            return Some(distance);
+        }
+        ray = point.ray_towards(vertex.sample(&mut random)?.wi);
+    }
+    None
+}

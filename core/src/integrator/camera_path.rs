@@ -1,0 +1,161 @@
+//! Paths from the camera, shared by the integrators: emission, next-event estimation and Russian roulette.
+
+use super::vertex::{Scattered, Tracer, Vertex};
+use crate::geometry::{Ray, SurfacePoint};
+use crate::light::LightId;
+use crate::material::TransportMode;
+use crate::math::{Vec3, sqr};
+use crate::random::PathRandom;
+use crate::spectrum::Spectrum;
+
+/// Edges after which paths face Russian roulette, as Mitsuba's `rr_depth`.
+pub(super) const ROULETTE_EDGES: u32 = 5;
+
+/// Highest probability of surviving Russian roulette, as Mitsuba's.
+pub(super) const ROULETTE_SURVIVAL: f32 = 0.95;
+
+/// What an integrator does at a camera vertex.
+pub(super) enum Visit {
+    /// Estimate direct light there and walk on.
+    Walk,
+    /// Add this radiance, estimate direct light there, and end.
+    AddAndEndAfterDirect(Spectrum),
+    /// Add this radiance, which includes direct light, and end.
+    AddAndEnd(Spectrum),
+}
+
+/// A bounce whose direction might have been chosen by next-event estimation too.
+struct Bounce {
+    from: Vec3,
+    /// Solid-angle density of the material's sample [1/sr].
+    pdf: f32,
+}
+
+/// Estimates the radiance along `ray` over paths of at most `max_edges` edges, with lights sampled both by the material
+/// and by next-event estimation and combined by the power heuristic (Veach 1997, section 9.2).
+///
+/// `visit(vertex, edges, random)` is asked at every surface vertex, `edges` from the camera; an integrator that ends
+/// the walk there answers for all longer paths.
+pub(super) fn radiance<'a>(
+    tracer: &mut Tracer<'a>,
+    mut ray: Ray,
+    random: &mut PathRandom,
+    max_edges: u32,
+    mut visit: impl FnMut(&Vertex<'a>, u32, &mut PathRandom) -> Visit,
+) -> Spectrum {
+    let mut total = Spectrum::ZERO;
+    let mut throughput = Spectrum::ONE;
+    let mut eta = 1.0;
+    let mut bounce: Option<Bounce> = None;
+    let mut ending = false;
+    for edges in 1..=max_edges {
+        let hit = tracer.intersect(&ray);
+        total += throughput * emission(tracer, &ray, hit.as_ref(), bounce.as_ref());
+        let Some(point) = hit else { break };
+        if ending {
+            break;
+        }
+        let vertex = Vertex::new(tracer.scene, point, -ray.direction, TransportMode::Radiance);
+        match visit(&vertex, edges, random) {
+            Visit::Walk => {}
+            Visit::AddAndEndAfterDirect(radiance) => {
+                total += throughput * radiance;
+                ending = true;
+            }
+            Visit::AddAndEnd(radiance) => return total + throughput * radiance,
+        }
+        if edges == max_edges {
+            break;
+        }
+        if !vertex.material.is_delta() {
+            total += throughput * next_event(tracer, &vertex, random);
+        }
+        let Some(scattered) = vertex.sample(random) else {
+            break;
+        };
+        if ending && scattered.bsdf.delta {
+            break;
+        }
+        throughput *= scattered.weight();
+        eta *= scattered.bsdf.eta;
+        bounce = (!scattered.bsdf.delta).then_some(Bounce {
+            from: point.position,
+            pdf: scattered.bsdf.pdf,
+        });
+        if edges >= ROULETTE_EDGES {
+            let survival = (throughput.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
+            if random.next() >= survival {
+                break;
+            }
+            throughput *= 1.0 / survival;
+        }
+        ray = leave(&point, &scattered);
+    }
+    total
+}
+
+fn leave(point: &SurfacePoint, scattered: &Scattered) -> Ray {
+    point.ray_towards(scattered.wi)
+}
+
+/// Light emitted towards the ray's origin by what the ray found.
+fn emission(tracer: &Tracer, ray: &Ray, hit: Option<&SurfacePoint>, bounce: Option<&Bounce>) -> Spectrum {
+    let lights = &tracer.scene.lights;
+    let weight = |light_pdf: &dyn Fn(Vec3) -> f32| bounce.map_or(1.0, |b| power_heuristic(b.pdf, light_pdf(b.from)));
+    match hit {
+        None => {
+            let radiance = lights.background(ray.direction);
+            if radiance.is_black() {
+                radiance
+            } else {
+                radiance * weight(&|_| lights.pdf_background(ray.direction))
+            }
+        }
+        Some(point) => {
+            let Some(light) = tracer.scene.light_at(point) else {
+                return Spectrum::ZERO;
+            };
+            let radiance = lights.emitted(light, point, -ray.direction);
+            if radiance.is_black() {
+                radiance
+            } else {
+                radiance * weight(&|from| area_pdf(tracer, light, from, point))
+            }
+        }
+    }
+}
+
+fn area_pdf(tracer: &Tracer, light: LightId, from: Vec3, hit: &SurfacePoint) -> f32 {
+    tracer.scene.lights.pdf_area(&tracer.scene.geometry, light, from, hit)
+}
+
+/// Direct light at a vertex by one connection with a light.
+fn next_event(tracer: &mut Tracer, vertex: &Vertex, random: &mut PathRandom) -> Spectrum {
+    let (choice, u) = (random.next(), random.next_2d());
+    let scene = tracer.scene;
+    let Some(light) = scene
+        .lights
+        .sample_direct(&scene.geometry, vertex.point.position, choice, u)
+    else {
+        return Spectrum::ZERO;
+    };
+    let f = vertex.eval(light.wi);
+    if f.is_black() || tracer.occluded(&vertex.point.shadow_ray(light.wi, light.distance)) {
+        return Spectrum::ZERO;
+    }
+    let weight = if light.delta {
+        1.0
+    } else {
+        power_heuristic(light.pdf, vertex.pdf(light.wi))
+    };
+    f * light.radiance * (vertex.cos_shading(light.wi) * weight / light.pdf)
+}
+
+/// Power heuristic with beta = 2 for one sample of each of two techniques (Veach 1997, equation 9.13), written so that large
+/// densities do not overflow.
+pub(super) fn power_heuristic(pdf: f32, other: f32) -> f32 {
+    if pdf == 0.0 {
+        return 0.0;
+    }
+    1.0 / (1.0 + sqr(other / pdf))
+}

@@ -1,0 +1,121 @@
+//! Where a cone points: the direction samplers of PCF (thesis, section 4.2), combined by the power heuristic (4.3).
+
+use super::camera_path::power_heuristic;
+use super::light_path::Arrival;
+use crate::map::Record;
+use crate::math::{Frame, TAU, Vec2, Vec3, exp, pow, safe_sqrt, sin_cos, warp::one_minus_cos};
+use crate::random::PathRandom;
+use crate::settings::DirectionSampler;
+use crate::spectrum::Spectrum;
+
+/// A normalised lobe `(n + 1) / (2 pi) cos^n` about the direction to the camera; what falls below the surface is mirrored
+/// at it, so that the density stays exact (thesis, section 4.2.2).
+pub(super) struct CameraLobe {
+    camera: Vec3,
+    exponent: f32,
+}
+
+impl CameraLobe {
+    /// A lobe as wide as the angular bandwidth `theta` [radians]: the mean of `1 - cos` over the lobe, `1 / (n + 2)`, is that over
+    /// the cone, `(1 - cos theta) / 2`.
+    pub(super) fn new(camera: Vec3, theta: f32) -> Self {
+        Self {
+            camera,
+            exponent: (2.0 / one_minus_cos(theta) - 2.0).max(0.0),
+        }
+    }
+
+    /// The lobe at a surface point; `None` at the camera itself.
+    fn at(&self, position: Vec3, normal: Vec3) -> Option<LobeAt> {
+        let axis = (self.camera - position).try_normalize()?;
+        let normal = if axis.dot(normal) < 0.0 { -normal } else { normal };
+        Some(LobeAt {
+            axis,
+            normal,
+            exponent: self.exponent,
+        })
+    }
+}
+
+/// A camera lobe at a surface point.
+struct LobeAt {
+    axis: Vec3,
+    /// Geometric normal on the camera's side.
+    normal: Vec3,
+    exponent: f32,
+}
+
+impl LobeAt {
+    fn sample(&self, u: Vec2) -> Vec3 {
+        let cos = pow(1.0 - u.x, 1.0 / (self.exponent + 1.0));
+        let (sin_phi, cos_phi) = sin_cos(TAU * u.y);
+        let sin = safe_sqrt(1.0 - cos * cos);
+        let direction = Frame::from_normal(self.axis).to_world(Vec3::new(sin * cos_phi, sin * sin_phi, cos));
+        let height = direction.dot(self.normal);
+        if height < 0.0 {
+            direction - 2.0 * height * self.normal
+        } else {
+            direction
+        }
+    }
+
+    /// Solid-angle density [1/sr].
+    fn pdf(&self, direction: Vec3) -> f32 {
+        let height = direction.dot(self.normal);
+        if height < 0.0 {
+            return 0.0;
+        }
+        self.lobe(direction) + self.lobe(direction - 2.0 * height * self.normal)
+    }
+
+    fn lobe(&self, direction: Vec3) -> f32 {
+        let one_minus_cos = 0.5 * (direction - self.axis).length_squared();
+        if one_minus_cos >= 1.0 {
+            return 0.0;
+        }
+        (self.exponent + 1.0) / TAU * exp(self.exponent * libm::log1pf(-one_minus_cos))
+    }
+}
+
+/// Stores the cones of a light path's arrival: one from each sampler, weighted so that together they count once.
+pub(super) fn cones(
+    arrival: &Arrival,
+    samplers: &[DirectionSampler],
+    lobe: &CameraLobe,
+    random: &mut PathRandom,
+    records: &mut Vec<Record>,
+) {
+    let vertex = arrival.vertex;
+    let by_bsdf = samplers.contains(&DirectionSampler::Bsdf);
+    let lobe = if samplers.contains(&DirectionSampler::Camera) && !vertex.material.is_delta() {
+        lobe.at(vertex.point.position, vertex.point.geometric_normal)
+    } else {
+        None
+    };
+    let mut store = |direction: Vec3, weight: Spectrum| {
+        if !weight.is_black() {
+            records.push(vertex.record(direction, weight, arrival.edges));
+        }
+    };
+    if let Some(scattered) = arrival.scattered.filter(|_| by_bsdf) {
+        let bsdf = &scattered.bsdf;
+        let share = match &lobe {
+            Some(lobe) if !bsdf.delta => power_heuristic(bsdf.pdf, lobe.pdf(scattered.wi)),
+            _ => 1.0,
+        };
+        store(scattered.wi, arrival.flux * bsdf.f * (share / bsdf.pdf));
+    }
+    if let Some(lobe) = &lobe {
+        let direction = lobe.sample(random.next_2d());
+        let f = vertex.eval(direction);
+        let pdf = lobe.pdf(direction);
+        if !f.is_black() && pdf > 0.0 {
+            let share = if by_bsdf {
+                power_heuristic(pdf, vertex.pdf(direction))
+            } else {
+                1.0
+            };
+            store(direction, arrival.flux * f * (share / pdf));
+        }
+    }
+}

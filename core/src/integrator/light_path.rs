@@ -1,0 +1,110 @@
+//! Paths from the lights, shared by the photon integrators.
+
+use super::camera_path::{ROULETTE_EDGES, ROULETTE_SURVIVAL};
+use super::vertex::{Scattered, Tracer, Vertex};
+use super::{Counts, Observer, RenderError};
+use crate::map::Record;
+use crate::material::TransportMode;
+use crate::random::{PathRandom, Stream};
+use crate::scene::Scene;
+use crate::spectrum::Spectrum;
+use rayon::prelude::*;
+
+/// Light paths that one task traces.
+const CHUNK: u32 = 4096;
+
+/// A vertex of a light path, `edges` from the light.
+pub(super) struct Arrival<'a, 'b> {
+    pub(super) vertex: &'b Vertex<'a>,
+    /// Flux that arrives [W], corrected for the shading normal.
+    pub(super) flux: Spectrum,
+    pub(super) edges: u32,
+    /// Where the path goes on, sampled from the material.
+    pub(super) scattered: Option<&'b Scattered>,
+}
+
+/// Which light paths to trace.
+pub(super) struct LightPaths {
+    pub(super) seed: u64,
+    pub(super) iteration: u32,
+    /// Number of paths (M).
+    pub(super) count: u32,
+    /// Most edges from the light to a vertex.
+    pub(super) max_edges: u32,
+}
+
+impl LightPaths {
+    /// Traces the paths on the current rayon pool; `store` puts the records of each arrival into the chunk's list. Chunks come back in the order of paths.
+    pub(super) fn trace(
+        &self,
+        scene: &Scene,
+        observer: &dyn Observer,
+        counts: &mut Counts,
+        store: impl Fn(&Arrival, &mut PathRandom, &mut Vec<Record>) + Sync,
+    ) -> Result<Vec<Vec<Record>>, RenderError> {
+        let chunks: Vec<(Vec<Record>, u64)> = (0..self.count.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                if observer.cancelled() {
+                    return Err(RenderError::Cancelled);
+                }
+                let mut tracer = Tracer::new(scene);
+                let mut records = Vec::new();
+                for path in chunk * CHUNK..((chunk + 1).saturating_mul(CHUNK)).min(self.count) {
+                    let mut random = PathRandom::new(self.seed, self.iteration, Stream::Light, u64::from(path));
+                    self.trace_one(&mut tracer, &mut random, |arrival, random| {
+                        store(arrival, random, &mut records)
+                    });
+                }
+                Ok((records, tracer.rays))
+            })
+            .collect::<Result<_, _>>()?;
+        counts.light_paths += u64::from(self.count);
+        counts.rays += chunks.iter().map(|(_, rays)| rays).sum::<u64>();
+        counts.records_stored += chunks.iter().map(|(records, _)| records.len() as u64).sum::<u64>();
+        Ok(chunks.into_iter().map(|(records, _)| records).collect())
+    }
+
+    fn trace_one<'a>(
+        &self,
+        tracer: &mut Tracer<'a>,
+        random: &mut PathRandom,
+        mut arrive: impl FnMut(&Arrival<'a, '_>, &mut PathRandom),
+    ) {
+        let scene = tracer.scene;
+        let (choice, u_position, u_direction) = (random.next(), random.next_2d(), random.next_2d());
+        let Some(start) = scene
+            .lights
+            .sample_emission(&scene.geometry, choice, u_position, u_direction)
+        else {
+            return;
+        };
+        let (mut ray, mut flux) = (start.ray, start.flux);
+        for edges in 1..=self.max_edges {
+            let Some(point) = tracer.intersect(&ray) else {
+                return;
+            };
+            let vertex = Vertex::new(scene, point, -ray.direction, TransportMode::Flux);
+            flux *= vertex.arrival_correction();
+            let scattered = vertex.sample(random);
+            arrive(
+                &Arrival {
+                    vertex: &vertex,
+                    flux,
+                    edges,
+                    scattered: scattered.as_ref(),
+                },
+                random,
+            );
+            let Some(scattered) = scattered else { return };
+            let next = flux * vertex.continuation_weight(&scattered);
+            let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };
+            let survival = (next.max_component() / flux.max_component()).min(highest);
+            if survival.is_nan() || random.next() >= survival {
+                return;
+            }
+            flux = next * (1.0 / survival);
+            ray = point.ray_towards(scattered.wi);
+        }
+    }
+}
