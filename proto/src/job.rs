@@ -1,0 +1,231 @@
+//! Jobs: what is asked for, and how far it has come.
+
+use crate::id::{BlobHash, JobId, WorkerId};
+use photonfarm_core::integrator::Counts;
+use photonfarm_core::settings::IntegratorSettings;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// What a job asks for. Together with the renderer's version it determines every bit of the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JobSpec {
+    /// The bundle that holds the scene.
+    pub scene: BlobHash,
+    /// Name of the scene file in the bundle.
+    pub main: String,
+    /// Values for the scene's `<default>` elements.
+    #[serde(default)]
+    pub defines: BTreeMap<String, String>,
+    /// The integrator with its settings; `type` is `path`, `pppm` or `pcf`.
+    #[schema(value_type = Object, example = json!({"type": "pppm", "photons": 200000}))]
+    pub integrator: IntegratorSettings,
+    /// Number of iterations to average.
+    pub iterations: u32,
+    /// Seed of the random numbers.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+/// Where a job stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum JobState {
+    /// Nothing of it has been handed out.
+    Queued,
+    /// Workers are at it, or were.
+    Running,
+    /// Every iteration is in the image.
+    Done,
+    /// It ended without all of its iterations.
+    Failed,
+    /// It was cancelled.
+    Cancelled,
+}
+
+impl JobState {
+    /// Whether the job will not change any more.
+    #[must_use]
+    pub fn ended(self) -> bool {
+        matches!(self, Self::Done | Self::Failed | Self::Cancelled)
+    }
+}
+
+/// Why work could not be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FailureKind {
+    /// The scene or a setting is at fault: no iteration can be rendered. Ends the job at once.
+    Scene,
+    /// An iteration has no valid image.
+    Render,
+    /// The renderer panicked.
+    Panic,
+    /// The worker was lost while rendering.
+    Lost,
+}
+
+/// An iteration that was given up, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Poisoned {
+    /// The iteration, from 1.
+    pub iteration: u32,
+    /// What happened at each attempt.
+    pub attempts: Vec<Attempt>,
+}
+
+/// An attempt at an iteration that failed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Attempt {
+    /// The worker that tried.
+    pub worker: WorkerId,
+    /// How it failed.
+    pub kind: FailureKind,
+    /// What the worker said.
+    pub message: String,
+}
+
+/// The largest and the smallest bandwidth over some iterations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BandwidthRange {
+    /// Spatial bandwidth [scene units], largest and smallest.
+    pub sigma: [f32; 2],
+    /// Angular bandwidth [radians], largest and smallest.
+    pub theta: Option<[f32; 2]>,
+}
+
+impl BandwidthRange {
+    /// The bandwidth of one iteration.
+    #[must_use]
+    pub fn one(sigma: f32, theta: Option<f32>) -> Self {
+        Self {
+            sigma: [sigma; 2],
+            theta: theta.map(|t| [t; 2]),
+        }
+    }
+
+    /// The range over both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        let join = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].min(b[1])];
+        let theta = match (self.theta, other.theta) {
+            (Some(a), Some(b)) => Some(join(a, b)),
+            (a, b) => a.or(b),
+        };
+        Self {
+            sigma: join(self.sigma, other.sigma),
+            theta,
+        }
+    }
+
+    /// Whether every number is finite and not negative.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let valid = |range: &[f32; 2]| range.iter().all(|v| v.is_finite() && *v >= 0.0);
+        valid(&self.sigma) && self.theta.as_ref().is_none_or(valid)
+    }
+}
+
+/// Seconds of wall-clock time by phase, summed over iterations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PhaseSeconds {
+    /// Tracing paths from the lights.
+    pub trace_light: f64,
+    /// Building the map.
+    pub build_map: f64,
+    /// Tracing paths from the camera and reading the map.
+    pub trace_camera: f64,
+    /// Everything else within an iteration.
+    pub other: f64,
+}
+
+impl PhaseSeconds {
+    /// The sum of all phases.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.trace_light + self.build_map + self.trace_camera + self.other
+    }
+
+    fn is_valid(&self) -> bool {
+        let phases = [
+            self.trace_light,
+            self.build_map,
+            self.trace_camera,
+            self.other,
+        ];
+        phases
+            .iter()
+            .all(|seconds| seconds.is_finite() && *seconds >= 0.0)
+    }
+}
+
+/// What rendering some iterations took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Totals {
+    /// Counts of the renderer.
+    #[schema(value_type = Object)]
+    pub counts: Counts,
+    /// Time by phase.
+    pub seconds: PhaseSeconds,
+    /// Range of the bandwidth; absent for `path`.
+    pub bandwidth: Option<BandwidthRange>,
+}
+
+impl Totals {
+    /// Adds what other iterations took. Counts saturate.
+    pub fn add(&mut self, other: &Self) {
+        let (to, from) = (&mut self.counts, &other.counts);
+        to.light_paths = to.light_paths.saturating_add(from.light_paths);
+        to.records_stored = to.records_stored.saturating_add(from.records_stored);
+        to.records_read = to.records_read.saturating_add(from.records_read);
+        to.records_counted = to.records_counted.saturating_add(from.records_counted);
+        to.rays = to.rays.saturating_add(from.rays);
+        let (to, from) = (&mut self.seconds, &other.seconds);
+        to.trace_light += from.trace_light;
+        to.build_map += from.build_map;
+        to.trace_camera += from.trace_camera;
+        to.other += from.other;
+        self.bandwidth = match (self.bandwidth, other.bandwidth) {
+            (Some(a), Some(b)) => Some(a.union(b)),
+            (a, b) => a.or(b),
+        };
+    }
+
+    /// Whether every number is finite and not negative.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.seconds.is_valid() && self.bandwidth.is_none_or(|range| range.is_valid())
+    }
+}
+
+/// How far a job has come.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobStatus {
+    /// The job.
+    pub id: JobId,
+    /// Where it stands.
+    pub state: JobState,
+    /// What was asked for.
+    pub spec: JobSpec,
+    /// When it was submitted [milliseconds since 1970, UTC].
+    pub created_ms: u64,
+    /// When it ended [milliseconds since 1970, UTC].
+    pub ended_ms: Option<u64>,
+    /// Iterations in the image.
+    pub iterations_done: u64,
+    /// Iterations in the image, and those that workers have rendered but not delivered.
+    pub iterations_rendered: u64,
+    /// Iterations given up, with the reasons.
+    pub poisoned: Vec<Poisoned>,
+    /// Why the job failed.
+    pub failure: Option<String>,
+    /// Pixels across and down, known once an iteration has arrived.
+    pub resolution: Option<[u32; 2]>,
+    /// What the iterations in the image took.
+    pub totals: Totals,
+    /// Iterations per second of wall-clock time, lately.
+    pub iterations_per_second: Option<f64>,
+    /// Workers that hold a lease of the job.
+    pub workers: u32,
+}

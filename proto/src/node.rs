@@ -1,0 +1,401 @@
+//! Nodes of the reduction tree: their names, and their images as bytes.
+//!
+//! A node's image is a header of [`NodeHeader::BYTES`] bytes and two planes of little-endian `f32`: the sums, channels
+//! interleaved, then the sums of squares; rows from the top. The same bytes are stored and hashed, so that equal
+//! digests mean equal bits.
+
+use crate::codec::PROTOCOL_VERSION;
+use crate::id::JobId;
+use crate::limits::{LimitError, Limits};
+use photonfarm_core::film::{FilmError, Node};
+use photonfarm_core::spectrum::CHANNELS;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use thiserror::Error;
+use utoipa::ToSchema;
+
+/// Place of a node in the tree: it covers leaves `[index 2^level, (index + 1) 2^level)`. Leaf `k` is iteration `k + 1`.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
+pub struct NodeKey {
+    /// Height in the tree; 0 is one iteration.
+    pub level: u32,
+    /// Place within the level.
+    pub index: u32,
+}
+
+impl NodeKey {
+    /// Highest level: the node covers every leaf that there can be.
+    pub const MAX_LEVEL: u32 = 31;
+
+    /// One leaf.
+    #[must_use]
+    pub fn leaf(index: u32) -> Self {
+        Self { level: 0, index }
+    }
+
+    /// Whether the node lies in a tree of `leaves` leaves.
+    #[must_use]
+    pub fn fits(self, leaves: u32) -> bool {
+        self.level <= Self::MAX_LEVEL
+            && (u64::from(self.index) + 1) << self.level <= u64::from(leaves)
+    }
+
+    /// First leaf covered.
+    #[must_use]
+    pub fn first(self) -> u64 {
+        u64::from(self.index) << self.level
+    }
+
+    /// The leaf after the last one covered.
+    #[must_use]
+    pub fn end(self) -> u64 {
+        (u64::from(self.index) + 1) << self.level
+    }
+
+    /// Number of leaves covered.
+    #[must_use]
+    pub fn leaves(self) -> u64 {
+        1 << self.level
+    }
+
+    /// Whether `other` covers no leaf that this node does not; a node contains itself.
+    #[must_use]
+    pub fn contains(self, other: Self) -> bool {
+        self.first() <= other.first() && other.end() <= self.end()
+    }
+
+    /// The node that has this one as a child.
+    #[must_use]
+    pub fn parent(self) -> Self {
+        Self {
+            level: self.level + 1,
+            index: self.index / 2,
+        }
+    }
+
+    /// The other child of the parent.
+    #[must_use]
+    pub fn sibling(self) -> Self {
+        Self {
+            level: self.level,
+            index: self.index ^ 1,
+        }
+    }
+
+    /// Left and right child; `None` for a leaf.
+    #[must_use]
+    pub fn children(self) -> Option<[Self; 2]> {
+        let level = self.level.checked_sub(1)?;
+        let index = self.index * 2;
+        Some([
+            Self { level, index },
+            Self {
+                level,
+                index: index + 1,
+            },
+        ])
+    }
+}
+
+impl fmt::Display for NodeKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "({}, {})", self.level, self.index)
+    }
+}
+
+/// What precedes the planes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeHeader {
+    /// The job, so that no two jobs share an image.
+    pub job: JobId,
+    /// The node.
+    pub key: NodeKey,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+/// Why bytes are not a node.
+#[derive(Debug, Error)]
+pub enum NodeError {
+    /// No magic number.
+    #[error("not an image of a node: the magic number is missing")]
+    Magic,
+    /// Another version of the format.
+    #[error("the image of a node has version {found}, this program has {PROTOCOL_VERSION}")]
+    Version {
+        /// The version found.
+        found: u16,
+    },
+    /// Fewer or more bytes than the image size needs.
+    #[error("the image of a node has {found} bytes, its size needs {expected}")]
+    Length {
+        /// Bytes found.
+        found: u64,
+        /// Bytes needed.
+        expected: u64,
+    },
+    /// A node that cannot be.
+    #[error("there is no node {0}")]
+    Key(NodeKey),
+    /// An image beyond the limits.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
+    /// A bad pixel.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+}
+
+const MAGIC: [u8; 4] = *b"PHFN";
+const VALUES_PER_PIXEL: u64 = CHANNELS as u64 + 1;
+
+impl NodeHeader {
+    /// Size of the header.
+    pub const BYTES: usize = 32;
+
+    /// The header of a node's image.
+    #[must_use]
+    pub fn of(job: JobId, node: &Node) -> Self {
+        let key = NodeKey {
+            level: node.level,
+            index: node.index,
+        };
+        Self {
+            job,
+            key,
+            width: node.width,
+            height: node.height,
+        }
+    }
+
+    /// Size of the planes.
+    #[must_use]
+    pub fn plane_bytes(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height) * VALUES_PER_PIXEL * 4
+    }
+
+    /// As bytes: magic, version, two zero bytes, job, level, index, width, height.
+    #[must_use]
+    pub fn to_bytes(&self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        bytes[..4].copy_from_slice(&MAGIC);
+        bytes[4..6].copy_from_slice(&PROTOCOL_VERSION.to_le_bytes());
+        bytes[8..16].copy_from_slice(&self.job.0.to_le_bytes());
+        let words = [self.key.level, self.key.index, self.width, self.height];
+        for (to, word) in bytes[16..].chunks_exact_mut(4).zip(words) {
+            to.copy_from_slice(&word.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// Reads a header and checks it against the limits.
+    pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, NodeError> {
+        let found = bytes.len() as u64;
+        let short = NodeError::Length {
+            found,
+            expected: Self::BYTES as u64,
+        };
+        let bytes: &[u8; Self::BYTES] = bytes
+            .get(..Self::BYTES)
+            .and_then(|b| b.try_into().ok())
+            .ok_or(short)?;
+        if bytes[..4] != MAGIC {
+            return Err(NodeError::Magic);
+        }
+        let version = u16::from_le_bytes([bytes[4], bytes[5]]);
+        if version != PROTOCOL_VERSION {
+            return Err(NodeError::Version { found: version });
+        }
+        let mut words = [0u32; 6];
+        for (word, from) in words.iter_mut().zip(bytes[8..].chunks_exact(4)) {
+            *word = u32::from_le_bytes([from[0], from[1], from[2], from[3]]);
+        }
+        let [job_low, job_high, level, index, width, height] = words;
+        let key = NodeKey { level, index };
+        if !key.fits(u32::MAX) {
+            return Err(NodeError::Key(key));
+        }
+        limits.check_resolution(width, height)?;
+        let job = JobId(u64::from(job_low) | u64::from(job_high) << 32);
+        Ok(Self {
+            job,
+            key,
+            width,
+            height,
+        })
+    }
+
+    /// Reads the planes and checks every value.
+    pub fn read_planes(&self, planes: &[u8]) -> Result<Node, NodeError> {
+        if planes.len() as u64 != self.plane_bytes() {
+            return Err(NodeError::Length {
+                found: planes.len() as u64,
+                expected: self.plane_bytes(),
+            });
+        }
+        let values = |bytes: &[u8]| -> Vec<f32> {
+            bytes
+                .chunks_exact(4)
+                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+                .collect()
+        };
+        let (sum, squares) = planes.split_at(planes.len() / VALUES_PER_PIXEL as usize * CHANNELS);
+        let node = Node {
+            width: self.width,
+            height: self.height,
+            level: self.key.level,
+            index: self.key.index,
+            sum: values(sum),
+            sum_of_squares: values(squares),
+        };
+        node.check()?;
+        Ok(node)
+    }
+}
+
+/// A node's image as bytes: what is stored and hashed.
+#[must_use]
+pub fn encode_node(job: JobId, node: &Node) -> Vec<u8> {
+    let mut bytes =
+        Vec::with_capacity(NodeHeader::BYTES + node.sum.len() * 4 + node.sum_of_squares.len() * 4);
+    bytes.extend_from_slice(&NodeHeader::of(job, node).to_bytes());
+    for value in node.sum.iter().chain(&node.sum_of_squares) {
+        bytes.extend_from_slice(&value.to_le_bytes());
+    }
+    bytes
+}
+
+/// Reads a node's image and checks it.
+pub fn decode_node(bytes: &[u8], limits: &Limits) -> Result<(JobId, Node), NodeError> {
+    let header = NodeHeader::from_bytes(bytes, limits)?;
+    let node = header.read_planes(&bytes[NodeHeader::BYTES..])?;
+    Ok((header.job, node))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photonfarm_core::spectrum::Spectrum;
+
+    fn node() -> Node {
+        let pixels: Vec<Spectrum> = (0..6)
+            .map(|i| Spectrum::from_rgb([i as f32, 0.5, 1e-3]))
+            .collect();
+        Node::leaf(5, 3, 2, &pixels).unwrap()
+    }
+
+    #[test]
+    fn a_node_survives_its_bytes() {
+        let bytes = encode_node(JobId(1 << 40), &node());
+        assert_eq!(
+            decode_node(&bytes, &Limits::default()).unwrap(),
+            (JobId(1 << 40), node())
+        );
+    }
+
+    #[test]
+    fn every_truncation_is_an_error() {
+        let bytes = encode_node(JobId(1), &node());
+        for length in 0..bytes.len() {
+            assert!(
+                decode_node(&bytes[..length], &Limits::default()).is_err(),
+                "{length}"
+            );
+        }
+        let longer = [bytes.as_slice(), &[0]].concat();
+        assert!(matches!(
+            decode_node(&longer, &Limits::default()),
+            Err(NodeError::Length { .. })
+        ));
+    }
+
+    #[test]
+    fn no_flipped_bit_makes_a_panic() {
+        let bytes = encode_node(JobId(1), &node());
+        for bit in 0..bytes.len() * 8 {
+            let mut damaged = bytes.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            if let Ok((_, node)) = decode_node(&damaged, &Limits::default()) {
+                assert!(node.check().is_ok());
+            }
+        }
+    }
+
+    #[test]
+    fn sizes_and_places_beyond_the_limits_are_refused_before_the_planes() {
+        let header = NodeHeader {
+            job: JobId(1),
+            key: NodeKey::leaf(0),
+            width: u32::MAX,
+            height: u32::MAX,
+        };
+        let limits = Limits::default();
+        assert!(matches!(
+            NodeHeader::from_bytes(&header.to_bytes(), &limits),
+            Err(NodeError::Limit(_))
+        ));
+        let header = NodeHeader {
+            key: NodeKey {
+                level: 32,
+                index: 0,
+            },
+            width: 1,
+            height: 1,
+            ..header
+        };
+        assert!(matches!(
+            NodeHeader::from_bytes(&header.to_bytes(), &limits),
+            Err(NodeError::Key(_))
+        ));
+        let header = NodeHeader {
+            key: NodeKey {
+                level: 31,
+                index: 1,
+            },
+            ..header
+        };
+        assert!(matches!(
+            NodeHeader::from_bytes(&header.to_bytes(), &limits),
+            Err(NodeError::Key(_))
+        ));
+    }
+
+    #[test]
+    fn bad_pixels_are_refused() {
+        for bad in [f32::NAN, f32::INFINITY, -1.0] {
+            let mut node = node();
+            node.sum[4] = bad;
+            let bytes = encode_node(JobId(1), &node);
+            assert!(
+                matches!(
+                    decode_node(&bytes, &Limits::default()),
+                    Err(NodeError::Film(_))
+                ),
+                "{bad}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_tree_is_a_tree() {
+        let key = NodeKey { level: 2, index: 3 };
+        assert_eq!((key.first(), key.end(), key.leaves()), (12, 16, 4));
+        let [left, right] = key.children().unwrap();
+        assert_eq!(
+            (left.parent(), right.parent(), left.sibling()),
+            (key, key, right)
+        );
+        assert!(key.contains(left) && key.contains(key) && !left.contains(key));
+        assert!(key.fits(16) && !key.fits(15));
+        assert!(
+            !NodeKey {
+                level: 64,
+                index: 0
+            }
+            .fits(u32::MAX)
+        );
+    }
+}

@@ -1,0 +1,332 @@
+//! The worker protocol: HTTP requests with framed bodies ([`crate::codec`]).
+//!
+//! | request | body | reply |
+//! | --- | --- | --- |
+//! | `POST /v1/worker/register` | [`Register`] | [`Registered`] |
+//! | `POST /v1/worker/lease` | [`LeaseRequest`] | [`LeaseReply`] |
+//! | `POST /v1/worker/heartbeat` | [`Heartbeat`] | [`HeartbeatReply`] |
+//! | `POST /v1/worker/nodes` | [`NodeUpload`] (see [`frame_upload`]), then the planes | [`NodeReply`] |
+//! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
+//! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
+//! | `GET /v1/bundles/{hash}` | | the manifest, JSON |
+//! | `GET /v1/blobs/{hash}` | | the bytes |
+//!
+//! Errors are problem documents, as everywhere.
+
+use crate::codec::{self, CodecError, Message};
+use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use crate::job::{FailureKind, JobSpec, Totals};
+use crate::node::{NodeHeader, NodeKey};
+use serde::{Deserialize, Serialize};
+
+/// Most bytes of a text that a worker sends; longer ones are cut.
+pub const TEXT_BYTES: usize = 4096;
+
+/// A worker introduces itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Register {
+    /// A name for people, such as the host's.
+    pub name: String,
+    /// Threads it renders with.
+    pub threads: u32,
+    /// Version of its renderer: results count only where it equals the coordinator's.
+    pub renderer: String,
+}
+
+/// The worker's name, and the rhythm expected of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Registered {
+    /// Its number in all further messages.
+    pub worker: WorkerId,
+    /// Time between heartbeats [ms].
+    pub heartbeat_ms: u64,
+}
+
+/// Asks for work.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeaseRequest {
+    /// Who asks.
+    pub worker: WorkerId,
+    /// How long to wait for work [ms]; the coordinator may answer sooner.
+    pub wait_ms: u64,
+}
+
+/// A block of iterations, lent to one worker for a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lease {
+    /// Fencing token.
+    pub token: LeaseToken,
+    /// The job.
+    pub job: JobId,
+    /// The node to deliver; any nodes within it that cover it will do.
+    pub node: NodeKey,
+    /// The worker.
+    pub worker: WorkerId,
+    /// Counts the leases of these leaves, from 1.
+    pub attempt: u32,
+    /// Time until it ends unless a heartbeat renews it [ms].
+    pub expires_in_ms: u64,
+}
+
+/// Work, if there is any.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LeaseReply {
+    /// The work.
+    pub assignment: Option<Assignment>,
+}
+
+/// Work: a lease and what to render.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Assignment {
+    /// The lease.
+    pub lease: Lease,
+    /// The job's specification; JSON within bincode, which cannot carry tagged enums.
+    #[serde(with = "json_text")]
+    pub spec: JobSpec,
+}
+
+/// Sign of life within a lease.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Heartbeat {
+    /// Who.
+    pub worker: WorkerId,
+    /// The leases it holds.
+    pub leases: Vec<LeaseProgress>,
+}
+
+/// How far a lease has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeaseProgress {
+    /// The lease.
+    pub token: LeaseToken,
+    /// Leaves rendered.
+    pub leaves_done: u32,
+}
+
+/// Which leases are gone.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeartbeatReply {
+    /// Leases among those named that are not held any more: their work is void.
+    pub lost: Vec<LeaseToken>,
+}
+
+/// Announces the image of a node; the planes follow.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NodeUpload {
+    /// The lease under which it was rendered.
+    pub token: LeaseToken,
+    /// Who rendered it.
+    pub worker: WorkerId,
+    /// The job.
+    pub job: JobId,
+    /// The node: that of the lease, or one within it.
+    pub node: NodeKey,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Hash of the node's image as stored: [`NodeHeader`] and planes.
+    pub digest: BlobHash,
+    /// What it took.
+    pub totals: Totals,
+}
+
+impl NodeUpload {
+    /// The header of the image.
+    #[must_use]
+    pub fn header(&self) -> NodeHeader {
+        NodeHeader {
+            job: self.job,
+            key: self.node,
+            width: self.width,
+            height: self.height,
+        }
+    }
+}
+
+/// The node counts: it is safe to forget it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NodeReply {
+    /// Whether it had been counted before.
+    pub duplicate: bool,
+}
+
+/// An iteration that could not be rendered. The lease ends.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FailureReport {
+    /// The lease.
+    pub token: LeaseToken,
+    /// Who.
+    pub worker: WorkerId,
+    /// The job.
+    pub job: JobId,
+    /// The leaf at fault.
+    pub leaf: u32,
+    /// What happened; never [`FailureKind::Lost`], which the coordinator itself finds.
+    pub kind: FailureKind,
+    /// In words, at most [`TEXT_BYTES`] bytes.
+    pub message: String,
+}
+
+/// Gives a lease back, without blame. What was delivered counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Release {
+    /// The lease.
+    pub token: LeaseToken,
+    /// Who.
+    pub worker: WorkerId,
+    /// The job.
+    pub job: JobId,
+}
+
+/// Understood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Acknowledged;
+
+macro_rules! kinds {
+    ($($message:ty = $kind:literal),* $(,)?) => {
+        $(impl Message for $message {
+            const KIND: u16 = $kind;
+        })*
+    };
+}
+
+kinds! {
+    Register = 1,
+    Registered = 2,
+    LeaseRequest = 3,
+    LeaseReply = 4,
+    Heartbeat = 5,
+    HeartbeatReply = 6,
+    NodeUpload = 7,
+    NodeReply = 8,
+    FailureReport = 9,
+    Release = 10,
+    Acknowledged = 11,
+}
+
+/// Most bytes of a framed [`NodeUpload`].
+pub const UPLOAD_FRAME_BYTES: usize = 4096;
+
+/// What precedes the planes in the body of an upload: the length of the frame (`u32`, little-endian), then the frame.
+pub fn frame_upload(upload: &NodeUpload) -> Result<Vec<u8>, CodecError> {
+    let frame = codec::encode(upload)?;
+    let mut bytes = (frame.len() as u32).to_le_bytes().to_vec();
+    bytes.extend_from_slice(&frame);
+    Ok(bytes)
+}
+
+/// Cuts a text to at most [`TEXT_BYTES`] bytes, at a character.
+#[must_use]
+pub fn cut_text(mut text: String) -> String {
+    if text.len() > TEXT_BYTES {
+        let end = (0..=TEXT_BYTES)
+            .rev()
+            .find(|&i| text.is_char_boundary(i))
+            .unwrap_or(0);
+        text.truncate(end);
+    }
+    text
+}
+
+mod json_text {
+    use serde::de::{DeserializeOwned, Error as _};
+    use serde::ser::Error as _;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<T: Serialize, S: Serializer>(
+        value: &T,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        serde_json::to_string(value)
+            .map_err(S::Error::custom)?
+            .serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<T, D::Error> {
+        serde_json::from_str(&String::deserialize(deserializer)?).map_err(D::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photonfarm_core::settings::{IntegratorSettings, PcfSettings};
+
+    fn assignment() -> LeaseReply {
+        let lease = Lease {
+            token: LeaseToken(9),
+            job: JobId(3),
+            node: NodeKey { level: 2, index: 1 },
+            worker: WorkerId(4),
+            attempt: 1,
+            expires_in_ms: 30_000,
+        };
+        let spec = JobSpec {
+            scene: BlobHash::of(b"scene"),
+            main: "scene.xml".into(),
+            defines: [("depth".to_owned(), "8".to_owned())].into(),
+            integrator: IntegratorSettings::Pcf(PcfSettings::default()),
+            iterations: 64,
+            seed: u64::MAX,
+        };
+        LeaseReply {
+            assignment: Some(Assignment { lease, spec }),
+        }
+    }
+
+    #[test]
+    fn an_assignment_survives_with_its_settings() {
+        let bytes = codec::encode(&assignment()).unwrap();
+        assert_eq!(codec::decode::<LeaseReply>(&bytes).unwrap(), assignment());
+    }
+
+    #[test]
+    fn damaged_assignments_are_errors_or_other_assignments() {
+        let bytes = codec::encode(&assignment()).unwrap();
+        for length in 0..bytes.len() {
+            assert!(
+                codec::decode::<LeaseReply>(&bytes[..length]).is_err(),
+                "{length}"
+            );
+        }
+        for bit in 0..bytes.len() * 8 {
+            let mut damaged = bytes.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            if let Ok(reply) = codec::decode::<LeaseReply>(&damaged) {
+                assert_ne!(reply, assignment());
+            }
+        }
+    }
+
+    #[test]
+    fn an_upload_is_announced_within_its_bound() {
+        let upload = NodeUpload {
+            token: LeaseToken(1),
+            worker: WorkerId(2),
+            job: JobId(3),
+            node: NodeKey::leaf(4),
+            width: 5,
+            height: 6,
+            digest: BlobHash::of(b""),
+            totals: Totals {
+                bandwidth: Some(crate::job::BandwidthRange::one(0.5, Some(0.1))),
+                ..Totals::default()
+            },
+        };
+        let bytes = frame_upload(&upload).unwrap();
+        let length = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) as usize;
+        assert_eq!(length, bytes.len() - 4);
+        assert!(length <= UPLOAD_FRAME_BYTES);
+        assert_eq!(codec::decode::<NodeUpload>(&bytes[4..]).unwrap(), upload);
+    }
+
+    #[test]
+    fn long_texts_are_cut_at_a_character() {
+        assert_eq!(cut_text("short".into()), "short");
+        let long = "é".repeat(TEXT_BYTES);
+        assert!(cut_text(format!("x{long}")).len() <= TEXT_BYTES);
+    }
+}
