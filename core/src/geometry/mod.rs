@@ -1,12 +1,30 @@
 //! Shapes and the ray queries over them.
-use crate::math::{Frame, Vec2, Vec3};
+//!
+//! Primitives (triangles, spheres, discs) are numbered through all shapes in order. One hierarchy covers them all; it
+//! stores what the intersection tests need, while shading attributes are read from the shape once the nearest hit is
+//! known.
+//!
+//! Instancing is not built, but has its place: a further kind of curved primitive would hold a transform and a shared
+//! [`Geometry`], transform the ray, and answer with the inner hit; the numbering of primitives and the traversal stay.
+
+mod curved;
+mod hierarchy;
+mod surface;
+mod traversal;
+mod triangle;
+
+use crate::math::{Frame, Transform, Vec2, Vec3};
+use hierarchy::Hierarchy;
 
 /// A ray; `direction` is unit length. Hits with distance in `(0, max_distance)` count: the origin has already been
 /// moved off its surface (see [`SurfacePoint::ray_towards`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
+    /// Start [scene units].
     pub origin: Vec3,
+    /// Unit direction.
     pub direction: Vec3,
+    /// Hits at this distance or beyond do not count [scene units].
     pub max_distance: f32,
 }
 
@@ -19,9 +37,12 @@ pub struct ShapeId(pub u32);
 pub struct SurfacePoint {
     /// Position [scene units].
     pub position: Vec3,
-    /// Unit normal of the true surface, on the shape's outer side (Mitsuba's convention for each shape).
+    /// Unit normal of the true surface, on the shape's outer side (Mitsuba's convention for each shape). Where the
+    /// vertex normals of a mesh contradict the order of its vertices, they decide which side is the outer one, since
+    /// in Mitsuba the shading frame tells materials and lights the front from the back.
     pub geometric_normal: Vec3,
-    /// Shading frame; `frame.n` is the interpolated normal, within 90 degrees of `geometric_normal`.
+    /// Shading frame; `frame.n` is the interpolated normal, within 90 degrees of `geometric_normal`, and `frame.s` runs
+    /// along the first texture coordinate where the surface has texture coordinates.
     pub frame: Frame,
     /// Texture coordinates.
     pub uv: Vec2,
@@ -42,19 +63,26 @@ pub enum Shape {
     Mesh(TriangleMesh),
     /// A sphere; the outer side is outside unless `flip_normals`.
     Sphere {
+        /// Centre [scene units].
         center: Vec3,
+        /// Radius [scene units], positive.
         radius: f32,
-        to_local: crate::math::Transform,
+        /// Maps the sphere to the unit sphere about the origin, whose poles on the z axis place the texture coordinates.
+        to_local: Transform,
+        /// Whether the outer side is inside.
         flip_normals: bool,
     },
     /// The unit disc about the local z axis, mapped by `to_world`; the outer side is local +z unless `flip_normals`.
     Disk {
-        to_world: crate::math::Transform,
+        /// Local to world; any affine map.
+        to_world: Transform,
+        /// Whether the outer side is local -z.
         flip_normals: bool,
     },
 }
 
-/// Triangles in world space. The outer side is the one from which vertices appear counter-clockwise.
+/// Triangles in world space. The outer side is the one from which vertices appear counter-clockwise, unless `normals`
+/// point to the other (see [`SurfacePoint::geometric_normal`]).
 #[derive(Clone, Debug, Default)]
 pub struct TriangleMesh {
     /// Vertices [scene units].
@@ -69,40 +97,72 @@ pub struct TriangleMesh {
 
 /// All shapes with their hierarchy.
 #[derive(Debug)]
-pub struct Geometry {}
+pub struct Geometry {
+    shapes: Vec<Shape>,
+    /// Index of each shape's first primitive.
+    first_primitive: Vec<u32>,
+    /// Shape of each primitive.
+    shape_of: Vec<u32>,
+    hierarchy: Hierarchy,
+}
 
-impl Geometry {
-    /// Builds the hierarchy. The same shapes give the same structure on any machine and with any number of threads.
-    #[must_use]
-    pub fn build(_shapes: Vec<Shape>) -> Self {
-        unimplemented!()
-    }
-    /// The nearest hit. Of hits at equal distance the one with the lowest primitive index wins.
-    #[must_use]
-    pub fn intersect(&self, _ray: &Ray) -> Option<SurfacePoint> {
-        unimplemented!()
-    }
-    /// Whether anything lies on the ray before `max_distance`.
-    #[must_use]
-    pub fn occluded(&self, _ray: &Ray) -> bool {
-        unimplemented!()
-    }
-    /// Bounds of all shapes [scene units]: lower and upper corner.
-    #[must_use]
-    pub fn bounds(&self) -> (Vec3, Vec3) {
-        unimplemented!()
+impl Shape {
+    /// Number of primitives.
+    fn primitives(&self) -> usize {
+        match self {
+            Self::Mesh(mesh) => mesh.triangles.len(),
+            Self::Sphere { .. } | Self::Disk { .. } => 1,
+        }
     }
 }
 
-impl SurfacePoint {
-    /// A ray that leaves this point along the unit vector `direction`, its origin moved off the surface (Waechter and Binder 2019, or error bounds).
+impl Geometry {
+    /// Builds the hierarchy. The same shapes give the same structure on any machine and with any number of threads.
+    ///
+    /// Triangles without area keep their number but are never hit.
+    ///
+    /// # Panics
+    /// If there are 2^30 primitives or more, or a mesh refers to a vertex that it does not have.
     #[must_use]
-    pub fn ray_towards(&self, _direction: Vec3) -> Ray {
-        unimplemented!()
+    pub fn build(shapes: Vec<Shape>) -> Self {
+        let count: usize = shapes.iter().map(Shape::primitives).sum();
+        assert!(count < 1 << 30, "{count} primitives: the limit is 2^30");
+        let mut first_primitive = Vec::with_capacity(shapes.len());
+        let mut shape_of = Vec::with_capacity(count);
+        for (index, shape) in shapes.iter().enumerate() {
+            first_primitive.push(shape_of.len() as u32);
+            shape_of.resize(shape_of.len() + shape.primitives(), index as u32);
+        }
+        let hierarchy = Hierarchy::build(&shapes);
+        Self {
+            shapes,
+            first_primitive,
+            shape_of,
+            hierarchy,
+        }
     }
-    /// A ray for a visibility test along the unit vector `direction` that ends just before `distance`.
+
+    /// The nearest hit. Of hits at equal distance the one with the lowest primitive index wins.
     #[must_use]
-    pub fn shadow_ray(&self, _direction: Vec3, _distance: f32) -> Ray {
-        unimplemented!()
+    pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
+        self.hierarchy.nearest(ray).map(|hit| self.surface_point(ray, &hit))
+    }
+
+    /// Whether anything lies on the ray before `max_distance`.
+    #[must_use]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        self.hierarchy.any(ray)
+    }
+
+    /// Bounds of all shapes [scene units]: lower and upper corner. Both are zero where there is nothing.
+    #[must_use]
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        self.hierarchy.bounds
+    }
+
+    /// A shape of the scene.
+    #[must_use]
+    pub fn shape(&self, id: ShapeId) -> &Shape {
+        &self.shapes[id.0 as usize]
     }
 }

@@ -1,0 +1,1 @@
+//! Points sampled on shapes, for lights.
