@@ -166,3 +166,6 @@ impl Geometry {
         &self.shapes[id.0 as usize]
     }
 }
+
+#[cfg(test)]
+mod tests;

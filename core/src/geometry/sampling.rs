@@ -1,1 +1,0 @@
-//! Points sampled on shapes, for lights.
