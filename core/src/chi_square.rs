@@ -14,6 +14,9 @@ pub(crate) const FAMILY_FALSE_ALARM: f64 = 0.01;
 const LEAST_EXPECTED: f64 = 5.0;
 /// Error that quadrature may make in the integral over the whole domain.
 const MASS_TOLERANCE: f64 = 1e-3;
+/// Absolute and relative error, by its own estimate, at which quadrature is content with a cell.
+const CELL_ERROR: f64 = 1e-6;
+const RELATIVE_ERROR: f64 = 1e-4;
 /// Quadrature splits every cell this often, to see narrow peaks, before it trusts its own error estimate.
 const FORCED_SPLITS: u32 = 2;
 /// Quadrature never splits a cell more often than this.
@@ -31,10 +34,11 @@ pub(crate) struct Domain {
 }
 
 impl Domain {
-    /// All directions, as (cos theta, phi) about +z: equal areas are equal solid angles, and z = 0 bounds cells.
+    /// All directions, as (theta, phi) about +z; z = 0 bounds cells. Densities per solid angle become densities here by
+    /// the factor sin theta. In theta, unlike cos theta, a density that is smooth at the poles stays smooth.
     pub(crate) const SPHERE: Self = Self {
-        lower: [-1.0, -PI],
-        upper: [1.0, PI],
+        lower: [0.0, -PI],
+        upper: [PI, PI],
         cells: [24, 32],
     };
 
@@ -63,7 +67,7 @@ impl Domain {
             for j in 0..self.cells[1] {
                 let lower = [self.lower[0] + i as f64 * size[0], self.lower[1] + j as f64 * size[1]];
                 let whole = gauss(&mut density, lower, size);
-                integrals.push(adapt(&mut density, lower, size, whole, 1e-6, 0));
+                integrals.push(adapt(&mut density, lower, size, whole, 0));
             }
         }
         integrals
@@ -86,28 +90,24 @@ fn gauss(density: &mut impl FnMut([f64; 2]) -> f64, lower: [f64; 2], size: [f64;
     sum * size[0] * size[1]
 }
 
-/// Splits the rectangle into quarters until the sum over them agrees with `whole` within `tolerance`.
-fn adapt(
-    density: &mut impl FnMut([f64; 2]) -> f64,
-    lower: [f64; 2],
-    size: [f64; 2],
-    whole: f64,
-    tolerance: f64,
-    splits: u32,
-) -> f64 {
+/// Splits the rectangle into quarters until the sum over them agrees with `whole`, relatively, or absolutely as a share
+/// of an error of [`CELL_ERROR`] per cell.
+fn adapt(density: &mut impl FnMut([f64; 2]) -> f64, lower: [f64; 2], size: [f64; 2], whole: f64, splits: u32) -> f64 {
     let half = [size[0] / 2.0, size[1] / 2.0];
     let corners =
         [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)].map(|(i, j)| [lower[0] + i * half[0], lower[1] + j * half[1]]);
     let quarters = corners.map(|corner| gauss(density, corner, half));
     let sum: f64 = quarters.iter().sum();
-    if splits >= FORCED_SPLITS && ((sum - whole).abs() <= tolerance || splits >= MOST_SPLITS) {
+    let share = CELL_ERROR / f64::from(1_u32 << (2 * splits));
+    let converged = (sum - whole).abs() <= share.max(RELATIVE_ERROR * sum.abs());
+    if splits >= FORCED_SPLITS && (converged || splits >= MOST_SPLITS) {
         return sum;
     }
-    let mut refined = 0.0;
-    for (corner, quarter) in corners.into_iter().zip(quarters) {
-        refined += adapt(density, corner, half, quarter, tolerance / 2.0, splits + 1);
-    }
-    refined
+    corners
+        .into_iter()
+        .zip(quarters)
+        .map(|(corner, quarter)| adapt(density, corner, half, quarter, splits + 1))
+        .sum()
 }
 
 /// What the test found.
@@ -120,7 +120,7 @@ pub(crate) struct Outcome {
     /// Share of the samples that fell into the domain.
     pub(crate) sampled_mass: f64,
     /// Cells compared, after pooling.
-    pub(crate) cells: usize,
+    cells: usize,
     samples: u32,
 }
 
@@ -129,7 +129,8 @@ impl Outcome {
     pub(crate) fn passes(&self, tests: usize) -> bool {
         let expected = self.density_mass.min(1.0);
         let deviation = (expected * (1.0 - expected) / f64::from(self.samples)).sqrt();
-        self.density_mass <= 1.0 + MASS_TOLERANCE
+        self.cells > 1
+            && self.density_mass <= 1.0 + MASS_TOLERANCE
             && (self.sampled_mass - self.density_mass).abs() <= 6.0 * deviation + MASS_TOLERANCE
             && self.p_value >= sidak(tests)
     }
@@ -203,21 +204,31 @@ fn pool(mut cells: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     cells
 }
 
-/// Compares a sampler of unit directions with its density per solid angle over the whole sphere, and panics with
-/// the figures where they disagree. `tests`: how many such tests the family has.
+/// Compares `samples` draws of a sampler of unit directions with its density per solid angle, over the whole sphere.
+pub(crate) fn chi_square_directions(
+    samples: u32,
+    seed: u64,
+    mut sampler: impl FnMut(&mut PathRandom) -> Option<Vec3>,
+    mut density: impl FnMut(Vec3) -> f32,
+) -> Outcome {
+    chi_square(
+        &Domain::SPHERE,
+        samples,
+        seed,
+        |random| sampler(random).map(to_angles),
+        |point| f64::from(density(from_angles(point))) * libm::sin(point[0]),
+    )
+}
+
+/// [`chi_square_directions`] with many samples; panics with the figures where sampler and density disagree. `tests`: how
+/// many such tests the family has.
 pub(crate) fn assert_directions(
     label: &str,
     tests: usize,
-    mut sampler: impl FnMut(&mut PathRandom) -> Option<Vec3>,
-    mut density: impl FnMut(Vec3) -> f32,
+    sampler: impl FnMut(&mut PathRandom) -> Option<Vec3>,
+    density: impl FnMut(Vec3) -> f32,
 ) {
-    let outcome = chi_square(
-        &Domain::SPHERE,
-        1 << 19,
-        0x00c0_ffee,
-        |random| sampler(random).map(to_cos_phi),
-        |point| f64::from(density(from_cos_phi(point))),
-    );
+    let outcome = chi_square_directions(1 << 18, 0x00c0_ffee, sampler, density);
     assert!(
         outcome.passes(tests),
         "{label}: {outcome:?}, significance {:e}",
@@ -225,16 +236,24 @@ pub(crate) fn assert_directions(
     );
 }
 
-/// (cos theta, phi) of a unit direction, phi in (-pi, pi].
-pub(crate) fn to_cos_phi(direction: Vec3) -> [f64; 2] {
-    let d = direction.as_dvec3().normalize();
-    [d.z, libm::atan2(d.y, d.x)]
+/// Integral of `f` over all directions.
+pub(crate) fn integrate_sphere(mut f: impl FnMut(Vec3) -> f64) -> f64 {
+    Domain::SPHERE
+        .integrate(|point| f(from_angles(point)) * libm::sin(point[0]))
+        .into_iter()
+        .sum()
 }
 
-/// The unit direction of (cos theta, phi).
-pub(crate) fn from_cos_phi([z, phi]: [f64; 2]) -> Vec3 {
-    let sine = (1.0 - z * z).max(0.0).sqrt();
-    glam::DVec3::new(sine * libm::cos(phi), sine * libm::sin(phi), z).as_vec3()
+/// (theta, phi) of a unit direction, theta in [0, pi] and phi in (-pi, pi].
+pub(crate) fn to_angles(direction: Vec3) -> [f64; 2] {
+    let d = direction.as_dvec3();
+    [libm::atan2(libm::hypot(d.x, d.y), d.z), libm::atan2(d.y, d.x)]
+}
+
+/// The unit direction of (theta, phi).
+pub(crate) fn from_angles([theta, phi]: [f64; 2]) -> Vec3 {
+    let sine = libm::sin(theta);
+    glam::DVec3::new(sine * libm::cos(phi), sine * libm::sin(phi), libm::cos(theta)).as_vec3()
 }
 
 /// Probability that a chi-square variable with `degrees` degrees of freedom exceeds `statistic`.
@@ -280,7 +299,7 @@ fn upper_gamma(a: f64, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::warp;
+    use crate::math::{FRAC_1_PI, warp};
 
     #[test]
     fn incomplete_gamma_agrees_with_closed_forms() {
@@ -323,12 +342,11 @@ mod tests {
 
     #[test]
     fn failures_count_as_missing_mass() {
-        let outcome = chi_square(
-            &Domain::SPHERE,
+        let outcome = chi_square_directions(
             100_000,
             1,
-            |random| (random.next() < 0.25).then(|| to_cos_phi(warp::square_to_sphere(random.next_2d()))),
-            |_| 0.25 / (4.0 * PI),
+            |random| (random.next() < 0.25).then(|| warp::square_to_sphere(random.next_2d())),
+            |_| (0.25 / (4.0 * PI)) as f32,
         );
         assert!(outcome.passes(1), "{outcome:?}");
         assert!((outcome.density_mass - 0.25).abs() < 1e-6);
@@ -336,16 +354,15 @@ mod tests {
 
     #[test]
     fn a_wrong_density_is_caught() {
-        let hemisphere =
-            |random: &mut PathRandom| Some(to_cos_phi(warp::square_to_cosine_hemisphere(random.next_2d())));
-        let run = |density: fn([f64; 2]) -> f64| chi_square(&Domain::SPHERE, 1 << 18, 1, hemisphere, density);
+        let hemisphere = |random: &mut PathRandom| Some(warp::square_to_cosine_hemisphere(random.next_2d()));
+        let run = |density: fn(Vec3) -> f32| chi_square_directions(1 << 18, 1, hemisphere, density);
         let (uniform, tilted, partial) = (
-            run(|[z, _]| if z > 0.0 { 0.5 / PI } else { 0.0 }),
-            run(|[z, phi]| z.max(0.0) / PI * (1.0 + 0.05 * libm::cos(phi))),
-            run(|[z, _]| 0.97 * z.max(0.0) / PI),
+            run(|d| if d.z > 0.0 { 0.5 * FRAC_1_PI } else { 0.0 }),
+            run(|d| d.z.max(0.0) * FRAC_1_PI * (1.0 + 0.05 * d.x)),
+            run(|d| 0.97 * d.z.max(0.0) * FRAC_1_PI),
         );
         assert!(uniform.p_value < 1e-12 && tilted.p_value < 1e-6 && !partial.passes(1000));
-        let outside = run(|[z, _]| if z > 0.1 { z / (PI * 0.99) } else { 0.0 });
+        let outside = run(|d| if d.z > 0.1 { d.z * FRAC_1_PI / 0.99 } else { 0.0 });
         assert!((outside.density_mass - 1.0).abs() < 1e-3 && outside.p_value < 1e-12);
     }
 

@@ -70,6 +70,12 @@ pub fn pow(x: f32, y: f32) -> f32 {
     libm::powf(x, y)
 }
 
+/// Complementary error function, `1 - erf(x)`.
+#[must_use]
+pub fn erfc(x: f32) -> f32 {
+    libm::erfcf(x)
+}
+
 /// `x * x`.
 #[must_use]
 pub fn sqr(x: f32) -> f32 {
