@@ -52,10 +52,7 @@ impl BundleManifest {
     /// Every distinct content with its size.
     #[must_use]
     pub fn blobs(&self) -> BTreeSet<(BlobHash, u64)> {
-        self.files
-            .values()
-            .map(|file| (file.hash, file.bytes))
-            .collect()
+        self.files.values().map(|file| (file.hash, file.bytes)).collect()
     }
 }
 
@@ -80,8 +77,7 @@ mod tests {
 
     #[test]
     fn unknown_fields_are_refused() {
-        let error =
-            serde_json::from_str::<BundleManifest>(r#"{"files": {}, "file": 1}"#).unwrap_err();
+        let error = serde_json::from_str::<BundleManifest>(r#"{"files": {}, "file": 1}"#).unwrap_err();
         assert!(error.to_string().contains("file"));
     }
 }

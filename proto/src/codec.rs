@@ -76,8 +76,7 @@ pub fn encode<M: Message>(message: &M) -> Result<Vec<u8>, CodecError> {
     bytes.extend_from_slice(&MAGIC);
     bytes.extend_from_slice(&PROTOCOL_VERSION.to_le_bytes());
     bytes.extend_from_slice(&M::KIND.to_le_bytes());
-    bincode::serde::encode_into_std_write(message, &mut bytes, config())
-        .map_err(CodecError::Unwritable)?;
+    bincode::serde::encode_into_std_write(message, &mut bytes, config()).map_err(CodecError::Unwritable)?;
     if bytes.len() > MESSAGE_BYTES {
         return Err(CodecError::Long(bytes.len()));
     }
@@ -89,9 +88,7 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, CodecError> {
     if bytes.len() > MESSAGE_BYTES {
         return Err(CodecError::Long(bytes.len()));
     }
-    let (frame, body) = bytes
-        .split_at_checked(FRAME_BYTES)
-        .ok_or(CodecError::Short)?;
+    let (frame, body) = bytes.split_at_checked(FRAME_BYTES).ok_or(CodecError::Short)?;
     if frame[..4] != MAGIC {
         return Err(CodecError::Magic);
     }
@@ -105,8 +102,7 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, CodecError> {
             expected: M::KIND,
         });
     }
-    let (message, used) =
-        bincode::serde::decode_from_slice(body, config()).map_err(CodecError::Damaged)?;
+    let (message, used) = bincode::serde::decode_from_slice(body, config()).map_err(CodecError::Damaged)?;
     if used != body.len() {
         return Err(CodecError::Trailing(body.len() - used));
     }
@@ -172,10 +168,7 @@ mod tests {
         http[..4].copy_from_slice(b"<htm");
         assert!(matches!(decode::<Sample>(&http), Err(CodecError::Magic)));
         let longer = [bytes.as_slice(), &[0]].concat();
-        assert!(matches!(
-            decode::<Sample>(&longer),
-            Err(CodecError::Trailing(1))
-        ));
+        assert!(matches!(decode::<Sample>(&longer), Err(CodecError::Trailing(1))));
     }
 
     #[test]

@@ -140,18 +140,9 @@ mod tests {
     #[test]
     fn a_damaged_hash_is_refused() {
         let text = BlobHash::of(b"photon").to_string();
-        for bad in [
-            &text[1..],
-            &text.to_uppercase(),
-            &format!("{text}0"),
-            "",
-            "é",
-        ] {
+        for bad in [&text[1..], &text.to_uppercase(), &format!("{text}0"), "", "é"] {
             assert_eq!(bad.parse::<BlobHash>(), Err(HashError), "{bad}");
         }
-        assert_eq!(
-            format!("{}é", &text[..62]).parse::<BlobHash>(),
-            Err(HashError)
-        );
+        assert_eq!(format!("{}é", &text[..62]).parse::<BlobHash>(), Err(HashError));
     }
 }

@@ -148,15 +148,8 @@ impl PhaseSeconds {
     }
 
     fn is_valid(&self) -> bool {
-        let phases = [
-            self.trace_light,
-            self.build_map,
-            self.trace_camera,
-            self.other,
-        ];
-        phases
-            .iter()
-            .all(|seconds| seconds.is_finite() && *seconds >= 0.0)
+        let phases = [self.trace_light, self.build_map, self.trace_camera, self.other];
+        phases.iter().all(|seconds| seconds.is_finite() && *seconds >= 0.0)
     }
 }
 

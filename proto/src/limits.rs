@@ -97,17 +97,9 @@ impl Limits {
     /// Checks a manifest: names, number of files, sizes.
     pub fn check_bundle(&self, manifest: &BundleManifest) -> Result<(), LimitError> {
         let files = manifest.files.len() as u64;
-        within(
-            "the number of files",
-            files,
-            "bundle_files",
-            self.bundle_files,
-        )?;
+        within("the number of files", files, "bundle_files", self.bundle_files)?;
         if files == 0 {
-            return Err(LimitError::invalid(
-                "files",
-                "a bundle has at least one file",
-            ));
+            return Err(LimitError::invalid("files", "a bundle has at least one file"));
         }
         let mut total = 0u64;
         for (name, file) in &manifest.files {
@@ -118,8 +110,7 @@ impl Limits {
                 "file_name_bytes",
                 self.file_name_bytes,
             )?;
-            check_name(name)
-                .map_err(|reason| LimitError::invalid(format!("files.{name:?}"), reason))?;
+            check_name(name).map_err(|reason| LimitError::invalid(format!("files.{name:?}"), reason))?;
             within(
                 &format!("the size of {name:?} in bytes"),
                 file.bytes,
@@ -139,17 +130,9 @@ impl Limits {
     /// Checks a job against the bundle it names.
     pub fn check_job(&self, spec: &JobSpec, manifest: &BundleManifest) -> Result<(), LimitError> {
         if spec.iterations == 0 {
-            return Err(LimitError::invalid(
-                "iterations",
-                "a job has at least one iteration",
-            ));
+            return Err(LimitError::invalid("iterations", "a job has at least one iteration"));
         }
-        within(
-            "iterations",
-            spec.iterations.into(),
-            "iterations",
-            self.iterations,
-        )?;
+        within("iterations", spec.iterations.into(), "iterations", self.iterations)?;
         if !manifest.files.contains_key(&spec.main) {
             let reason = format!("the bundle has no file {:?}", spec.main);
             return Err(LimitError::invalid("main", reason));
@@ -193,10 +176,7 @@ pub fn check_name(name: &str) -> Result<(), String> {
     if let Some(bad) = name.chars().find(|c| c.is_control() || *c == '\\') {
         return Err(format!("a file name has no {bad:?}"));
     }
-    match name
-        .split('/')
-        .find(|part| matches!(*part, "" | "." | ".."))
-    {
+    match name.split('/').find(|part| matches!(*part, "" | "." | "..")) {
         Some("") => Err("a file name is relative, without empty parts".into()),
         Some(part) => Err(format!("a file name has no part {part:?}")),
         None => Ok(()),
@@ -216,10 +196,7 @@ mod tests {
             bytes,
         };
         BundleManifest {
-            files: files
-                .iter()
-                .map(|(n, b)| ((*n).to_owned(), entry(*b)))
-                .collect(),
+            files: files.iter().map(|(n, b)| ((*n).to_owned(), entry(*b))).collect(),
         }
     }
 
@@ -263,17 +240,8 @@ mod tests {
             file_bytes: 8,
             ..Limits::default()
         };
-        let refused = |files: &[(&str, u64)]| {
-            limits
-                .check_bundle(&manifest(files))
-                .unwrap_err()
-                .to_string()
-        };
-        assert!(
-            limits
-                .check_bundle(&manifest(&[("a", 5), ("b", 5)]))
-                .is_ok()
-        );
+        let refused = |files: &[(&str, u64)]| limits.check_bundle(&manifest(files)).unwrap_err().to_string();
+        assert!(limits.check_bundle(&manifest(&[("a", 5), ("b", 5)])).is_ok());
         assert!(refused(&[("a", 1), ("b", 1), ("c", 1)]).contains("bundle_files"));
         assert!(refused(&[("a", 9)]).contains("file_bytes"));
         assert!(refused(&[("a", 6), ("b", 6)]).contains("bundle_bytes"));
@@ -307,9 +275,7 @@ mod tests {
         assert!(refused(&|s| s.iterations = 9).contains("iterations"));
         assert!(refused(&|s| s.iterations = 0).contains("iterations"));
         assert!(refused(&|s| s.main = "other.xml".into()).contains("other.xml"));
-        assert!(
-            refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes")
-        );
+        assert!(refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes"));
     }
 
     #[test]

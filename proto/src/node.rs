@@ -15,9 +15,7 @@ use thiserror::Error;
 use utoipa::ToSchema;
 
 /// Place of a node in the tree: it covers leaves `[index 2^level, (index + 1) 2^level)`. Leaf `k` is iteration `k + 1`.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
 pub struct NodeKey {
     /// Height in the tree; 0 is one iteration.
     pub level: u32,
@@ -38,8 +36,7 @@ impl NodeKey {
     /// Whether the node lies in a tree of `leaves` leaves.
     #[must_use]
     pub fn fits(self, leaves: u32) -> bool {
-        self.level <= Self::MAX_LEVEL
-            && (u64::from(self.index) + 1) << self.level <= u64::from(leaves)
+        self.level <= Self::MAX_LEVEL && (u64::from(self.index) + 1) << self.level <= u64::from(leaves)
     }
 
     /// First leaf covered.
@@ -198,10 +195,7 @@ impl NodeHeader {
             found,
             expected: Self::BYTES as u64,
         };
-        let bytes: &[u8; Self::BYTES] = bytes
-            .get(..Self::BYTES)
-            .and_then(|b| b.try_into().ok())
-            .ok_or(short)?;
+        let bytes: &[u8; Self::BYTES] = bytes.get(..Self::BYTES).and_then(|b| b.try_into().ok()).ok_or(short)?;
         if bytes[..4] != MAGIC {
             return Err(NodeError::Magic);
         }
@@ -259,8 +253,7 @@ impl NodeHeader {
 /// A node's image as bytes: what is stored and hashed.
 #[must_use]
 pub fn encode_node(job: JobId, node: &Node) -> Vec<u8> {
-    let mut bytes =
-        Vec::with_capacity(NodeHeader::BYTES + node.sum.len() * 4 + node.sum_of_squares.len() * 4);
+    let mut bytes = Vec::with_capacity(NodeHeader::BYTES + node.sum.len() * 4 + node.sum_of_squares.len() * 4);
     bytes.extend_from_slice(&NodeHeader::of(job, node).to_bytes());
     for value in node.sum.iter().chain(&node.sum_of_squares) {
         bytes.extend_from_slice(&value.to_le_bytes());
@@ -281,9 +274,7 @@ mod tests {
     use photonfarm_core::spectrum::Spectrum;
 
     fn node() -> Node {
-        let pixels: Vec<Spectrum> = (0..6)
-            .map(|i| Spectrum::from_rgb([i as f32, 0.5, 1e-3]))
-            .collect();
+        let pixels: Vec<Spectrum> = (0..6).map(|i| Spectrum::from_rgb([i as f32, 0.5, 1e-3])).collect();
         Node::leaf(5, 3, 2, &pixels).unwrap()
     }
 
@@ -300,10 +291,7 @@ mod tests {
     fn every_truncation_is_an_error() {
         let bytes = encode_node(JobId(1), &node());
         for length in 0..bytes.len() {
-            assert!(
-                decode_node(&bytes[..length], &Limits::default()).is_err(),
-                "{length}"
-            );
+            assert!(decode_node(&bytes[..length], &Limits::default()).is_err(), "{length}");
         }
         let longer = [bytes.as_slice(), &[0]].concat();
         assert!(matches!(
@@ -338,10 +326,7 @@ mod tests {
             Err(NodeError::Limit(_))
         ));
         let header = NodeHeader {
-            key: NodeKey {
-                level: 32,
-                index: 0,
-            },
+            key: NodeKey { level: 32, index: 0 },
             width: 1,
             height: 1,
             ..header
@@ -351,10 +336,7 @@ mod tests {
             Err(NodeError::Key(_))
         ));
         let header = NodeHeader {
-            key: NodeKey {
-                level: 31,
-                index: 1,
-            },
+            key: NodeKey { level: 31, index: 1 },
             ..header
         };
         assert!(matches!(
@@ -370,10 +352,7 @@ mod tests {
             node.sum[4] = bad;
             let bytes = encode_node(JobId(1), &node);
             assert!(
-                matches!(
-                    decode_node(&bytes, &Limits::default()),
-                    Err(NodeError::Film(_))
-                ),
+                matches!(decode_node(&bytes, &Limits::default()), Err(NodeError::Film(_))),
                 "{bad}"
             );
         }
@@ -384,18 +363,9 @@ mod tests {
         let key = NodeKey { level: 2, index: 3 };
         assert_eq!((key.first(), key.end(), key.leaves()), (12, 16, 4));
         let [left, right] = key.children().unwrap();
-        assert_eq!(
-            (left.parent(), right.parent(), left.sibling()),
-            (key, key, right)
-        );
+        assert_eq!((left.parent(), right.parent(), left.sibling()), (key, key, right));
         assert!(key.contains(left) && key.contains(key) && !left.contains(key));
         assert!(key.fits(16) && !key.fits(15));
-        assert!(
-            !NodeKey {
-                level: 64,
-                index: 0
-            }
-            .fits(u32::MAX)
-        );
+        assert!(!NodeKey { level: 64, index: 0 }.fits(u32::MAX));
     }
 }

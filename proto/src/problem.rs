@@ -55,9 +55,7 @@ impl ErrorCode {
             Self::Malformed => 400,
             Self::NotFound | Self::NoImageYet | Self::UnknownWorker => 404,
             Self::MethodNotAllowed => 405,
-            Self::BundleIncomplete | Self::JobEnded | Self::StaleLease | Self::ResultConflict => {
-                409
-            }
+            Self::BundleIncomplete | Self::JobEnded | Self::StaleLease | Self::ResultConflict => 409,
             Self::Limit => 413,
             Self::UnsupportedMediaType => 415,
             Self::Invalid | Self::ContentMismatch | Self::IdempotencyKeyReused => 422,

@@ -220,10 +220,7 @@ pub fn frame_upload(upload: &NodeUpload) -> Result<Vec<u8>, CodecError> {
 #[must_use]
 pub fn cut_text(mut text: String) -> String {
     if text.len() > TEXT_BYTES {
-        let end = (0..=TEXT_BYTES)
-            .rev()
-            .find(|&i| text.is_char_boundary(i))
-            .unwrap_or(0);
+        let end = (0..=TEXT_BYTES).rev().find(|&i| text.is_char_boundary(i)).unwrap_or(0);
         text.truncate(end);
     }
     text
@@ -234,18 +231,13 @@ mod json_text {
     use serde::ser::Error as _;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub(super) fn serialize<T: Serialize, S: Serializer>(
-        value: &T,
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<T: Serialize, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
         serde_json::to_string(value)
             .map_err(S::Error::custom)?
             .serialize(serializer)
     }
 
-    pub(super) fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(
-        deserializer: D,
-    ) -> Result<T, D::Error> {
+    pub(super) fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
         serde_json::from_str(&String::deserialize(deserializer)?).map_err(D::Error::custom)
     }
 }
@@ -287,10 +279,7 @@ mod tests {
     fn damaged_assignments_are_errors_or_other_assignments() {
         let bytes = codec::encode(&assignment()).unwrap();
         for length in 0..bytes.len() {
-            assert!(
-                codec::decode::<LeaseReply>(&bytes[..length]).is_err(),
-                "{length}"
-            );
+            assert!(codec::decode::<LeaseReply>(&bytes[..length]).is_err(), "{length}");
         }
         for bit in 0..bytes.len() * 8 {
             let mut damaged = bytes.clone();
