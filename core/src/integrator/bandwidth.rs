@@ -93,7 +93,7 @@ fn probe_distance(scene: &Scene, pixel: Vec2, probe: u32) -> Option<f32> {
         let point = tracer.intersect(&ray)?;
         distance += point.distance;
         let vertex = Vertex::new(scene, point, -ray.direction, TransportMode::Radiance);
-        if !vertex.material.is_glossier_than(GLOSSY_ROUGHNESS) {
+        if !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
             return Some(distance);
         }
         ray = point.ray_towards(vertex.sample(&mut random)?.wi);

@@ -67,7 +67,7 @@ pub(super) fn radiance<'a>(
         if edges == max_edges {
             break;
         }
-        if !vertex.material.is_delta() {
+        if !vertex.is_delta() {
             total += throughput * next_event(tracer, &vertex, random);
         }
         let Some(scattered) = vertex.sample(random) else {

@@ -87,7 +87,7 @@ pub(super) fn cones(
 ) {
     let vertex = arrival.vertex;
     let by_bsdf = samplers.contains(&DirectionSampler::Bsdf);
-    let lobe = if samplers.contains(&DirectionSampler::Camera) && !vertex.material.is_delta() {
+    let lobe = if samplers.contains(&DirectionSampler::Camera) && !vertex.is_delta() {
         lobe.at(vertex.point.position, vertex.point.geometric_normal)
     } else {
         None

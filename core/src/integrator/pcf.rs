@@ -75,7 +75,7 @@ fn nearest_lookup(lookup: LookupVertex) -> u32 {
 fn is_lookup(lookup: LookupVertex, vertex: &Vertex, edges: u32) -> bool {
     match lookup {
         LookupVertex::Fixed(k) => edges == k,
-        LookupVertex::Auto => !vertex.material.is_glossier_than(GLOSSY_ROUGHNESS),
+        LookupVertex::Auto => !vertex.is_glossier_than(GLOSSY_ROUGHNESS),
     }
 }
 

@@ -33,7 +33,7 @@ pub(super) fn render(
     };
     let photons = paths.trace(job.scene, observer, &mut counts, |arrival, _, photons| {
         let vertex = arrival.vertex;
-        if arrival.edges >= 2 && !vertex.material.is_glossier_than(GLOSSY_ROUGHNESS) {
+        if arrival.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
             photons.push(vertex.record(vertex.wo, arrival.flux, arrival.edges));
         }
     })?;
@@ -50,7 +50,7 @@ pub(super) fn render(
         &mut counts,
         |tracer, ray, random, counts| {
             camera_path::radiance(tracer, ray, random, max_edges, |vertex, edges, _| {
-                if vertex.material.is_glossier_than(GLOSSY_ROUGHNESS) {
+                if vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
                     return Visit::Walk;
                 }
                 Visit::AddAndEndAfterDirect(gather(&map, vertex, max_edges - edges, counts) * scale)

@@ -69,6 +69,16 @@ impl<'a> Vertex<'a> {
         })
     }
 
+    /// Whether the material is a delta function seen from `wo`.
+    pub(super) fn is_delta(&self) -> bool {
+        self.material.is_delta(self.wo_local)
+    }
+
+    /// Whether the material seen from `wo` is too glossy for a density estimate.
+    pub(super) fn is_glossier_than(&self, roughness: f32) -> bool {
+        self.material.is_glossier_than(self.wo_local, roughness)
+    }
+
     /// Cosine of `direction` with the shading normal, without sign.
     pub(super) fn cos_shading(&self, direction: Vec3) -> f32 {
         direction.dot(self.point.frame.n).abs()
