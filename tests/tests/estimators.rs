@@ -1,0 +1,118 @@
+//! The photon integrators against `path`, and `path` against closed forms.
+//!
+//! Means over blocks of pixels are compared by z-tests. Each comparison fails by chance with probability
+//! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
+
+use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::settings::{
+    DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+};
+use photonfarm_tests::statistics::{Moments, ZTest};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Probability with which a comparison of equal estimators fails.
+const FALSE_ALARMS: f64 = 1e-4;
+
+/// Pixels across and down.
+const SIZE: usize = 24;
+
+/// Pixels of a block, across and down.
+const BLOCK: usize = 6;
+
+fn load(name: &str) -> Scene {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let defines = BTreeMap::from([("res".to_owned(), SIZE.to_string())]);
+    let files = SceneFolder::new(&folder).expect("the scenes are there");
+    Scene::load(&files, name, &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Means of luminance over blocks of pixels, over iterations `1..=iterations`.
+fn measure(scene: &Scene, settings: &IntegratorSettings, seed: u64, iterations: u32) -> Moments {
+    let mut moments = Moments::default();
+    for i in 1..=iterations {
+        let image = render_iteration(scene, settings, seed, i, &Unobserved).expect("the iteration renders");
+        let mut blocks = vec![0.0; (SIZE / BLOCK) * (SIZE / BLOCK)];
+        for (index, pixel) in image.pixels.iter().enumerate() {
+            let (x, y) = (index % SIZE / BLOCK, index / SIZE / BLOCK);
+            blocks[y * (SIZE / BLOCK) + x] += f64::from(pixel.luminance()) / (BLOCK * BLOCK) as f64;
+        }
+        moments.push(&blocks);
+    }
+    moments
+}
+
+fn reference(scene: &Scene, max_depth: u32) -> Moments {
+    let settings = PathSettings { samples: 16, max_depth: Some(max_depth) };
+    measure(scene, &IntegratorSettings::Path(settings), 1, 160)
+}
+
+fn pppm(sigma1: f32, max_depth: u32) -> IntegratorSettings {
+    let sigma1 = Some(sigma1);
+    IntegratorSettings::Pppm(PppmSettings { photons: 40_000, samples: 2, sigma1, max_depth: Some(max_depth), ..Default::default() })
+}
+
+fn pcf(sigma1: f32, theta1: f32, lookup_vertex: LookupVertex, max_depth: u32) -> IntegratorSettings {
+    IntegratorSettings::Pcf(PcfSettings {
+        photons: 40_000,
+        samples: 2,
+        sigma1: Some(sigma1),
+        theta1,
+        lookup_vertex,
+        max_depth: Some(max_depth),
+        ..Default::default()
+    })
+}
+
+/// Compares an integrator with `path`: at the bandwidth of `settings` the z-test must pass.
+///
+/// `wider` is the same with the bandwidth `ratio` times as large; its whole-image bias is large enough to be seen
+/// above the noise. Boundary bias shrinks in proportion to the bandwidth and all other bias faster, so the bias left in
+/// `settings` is at most the measured one over `ratio`; it must lie below the noise of a block.
+fn check(scene: &Scene, truth: &Moments, settings: &IntegratorSettings, wider: &IntegratorSettings, ratio: f64) {
+    let estimate = measure(scene, settings, 2, 100);
+    let test = ZTest::compare(&estimate, truth, FALSE_ALARMS);
+    let bias = ZTest::compare(&measure(scene, wider, 3, 20), truth, FALSE_ALARMS).relative_difference.abs() / ratio;
+    println!(
+        "{}: largest |z| {:.2} of {:.2}; noise of a block {:.2} %, bias at most about {:.2} %, image mean {:+.2} %",
+        settings.name(),
+        test.largest,
+        test.threshold,
+        100.0 * test.relative_noise,
+        100.0 * bias,
+        100.0 * test.relative_difference,
+    );
+    assert!(test.passes(), "{settings:?}: {test:?}");
+    assert!(bias < test.relative_noise, "{settings:?}: bias {bias} against noise {}", test.relative_noise);
+}
+
+fn check_all(name: &str, max_depth: u32) {
+    let scene = load(name);
+    let truth = reference(&scene, max_depth);
+    check(&scene, &truth, &pppm(0.01, max_depth), &pppm(0.08, max_depth), 8.0);
+    for lookup in [LookupVertex::Auto, LookupVertex::Fixed(1), LookupVertex::Fixed(2)] {
+        let settings = pcf(0.02, 4.0, lookup, max_depth);
+        check(&scene, &truth, &settings, &pcf(0.16, 32.0, lookup, max_depth), 8.0);
+    }
+}
+
+#[test]
+fn diffuse_box_agrees_with_path_tracing() {
+    check_all("diffuse-box.xml", 6);
+}
+
+#[test]
+fn mirror_and_glass_agree_with_path_tracing() {
+    check_all("mirror-glass.xml", 8);
+}
+
+#[test]
+fn point_light_agrees_with_path_tracing() {
+    check_all("point-light.xml", 6);
+}
+
+#[test]
+fn environment_light_agrees_with_path_tracing() {
+    check_all("environment.xml", 8);
+}
