@@ -28,8 +28,8 @@ pub struct SettingError {
     pub expected: &'static str,
 }
 
-/// Most light paths of an iteration; a map then stays below its limit of records at a dozen records a path.
-pub const MAX_PHOTONS: u32 = 100_000_000;
+/// Most light paths of an iteration: at half a dozen records each, their map takes about 4 GB.
+pub const MAX_PHOTONS: u32 = 10_000_000;
 
 /// Most camera samples per pixel of an iteration.
 pub const MAX_SAMPLES: u32 = 65_536;
@@ -98,7 +98,7 @@ fn check_photons(photons: u32, alpha: f32, sigma1: Option<f32>) -> Result<(), Se
         "photons",
         photons,
         (1..=MAX_PHOTONS).contains(&photons),
-        "1 to 100 million",
+        "1 to 10 million",
     )?;
     check(
         "alpha",

@@ -36,7 +36,10 @@ impl Moments {
     /// Squared standard error of each mean.
     #[must_use]
     pub fn squared_error(&self) -> Vec<f64> {
-        self.sum_of_squares.iter().map(|s| s / (self.count - 1.0) / self.count).collect()
+        self.sum_of_squares
+            .iter()
+            .map(|s| s / (self.count - 1.0) / self.count)
+            .collect()
     }
 }
 
@@ -58,8 +61,12 @@ impl ZTest {
     /// shared among the components after Sidak.
     #[must_use]
     pub fn compare(a: &Moments, b: &Moments, false_alarms: f64) -> Self {
-        let errors: Vec<f64> =
-            a.squared_error().iter().zip(b.squared_error()).map(|(a, b)| (a + b).sqrt()).collect();
+        let errors: Vec<f64> = a
+            .squared_error()
+            .iter()
+            .zip(b.squared_error())
+            .map(|(a, b)| (a + b).sqrt())
+            .collect();
         let n = errors.len() as f64;
         let z = |i: usize| {
             let difference = (a.mean[i] - b.mean[i]).abs();

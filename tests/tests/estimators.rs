@@ -44,13 +44,22 @@ fn measure(scene: &Scene, settings: &IntegratorSettings, seed: u64, iterations: 
 }
 
 fn reference(scene: &Scene, max_depth: u32) -> Moments {
-    let settings = PathSettings { samples: 16, max_depth: Some(max_depth) };
+    let settings = PathSettings {
+        samples: 16,
+        max_depth: Some(max_depth),
+    };
     measure(scene, &IntegratorSettings::Path(settings), 1, 160)
 }
 
 fn pppm(sigma1: f32, max_depth: u32) -> IntegratorSettings {
     let sigma1 = Some(sigma1);
-    IntegratorSettings::Pppm(PppmSettings { photons: 40_000, samples: 2, sigma1, max_depth: Some(max_depth), ..Default::default() })
+    IntegratorSettings::Pppm(PppmSettings {
+        photons: 40_000,
+        samples: 2,
+        sigma1,
+        max_depth: Some(max_depth),
+        ..Default::default()
+    })
 }
 
 fn pcf(sigma1: f32, theta1: f32, lookup_vertex: LookupVertex, max_depth: u32) -> IntegratorSettings {
@@ -73,7 +82,10 @@ fn pcf(sigma1: f32, theta1: f32, lookup_vertex: LookupVertex, max_depth: u32) ->
 fn check(scene: &Scene, truth: &Moments, settings: &IntegratorSettings, wider: &IntegratorSettings, ratio: f64) {
     let estimate = measure(scene, settings, 2, 100);
     let test = ZTest::compare(&estimate, truth, FALSE_ALARMS);
-    let bias = ZTest::compare(&measure(scene, wider, 3, 20), truth, FALSE_ALARMS).relative_difference.abs() / ratio;
+    let bias = ZTest::compare(&measure(scene, wider, 3, 20), truth, FALSE_ALARMS)
+        .relative_difference
+        .abs()
+        / ratio;
     println!(
         "{}: largest |z| {:.2} of {:.2}; noise of a block {:.2} %, bias at most about {:.2} %, image mean {:+.2} %",
         settings.name(),
@@ -84,7 +96,11 @@ fn check(scene: &Scene, truth: &Moments, settings: &IntegratorSettings, wider: &
         100.0 * test.relative_difference,
     );
     assert!(test.passes(), "{settings:?}: {test:?}");
-    assert!(bias < test.relative_noise, "{settings:?}: bias {bias} against noise {}", test.relative_noise);
+    assert!(
+        bias < test.relative_noise,
+        "{settings:?}: bias {bias} against noise {}",
+        test.relative_noise
+    );
 }
 
 fn check_all(name: &str, max_depth: u32) {

@@ -1,0 +1,62 @@
+//! An iteration is a pure function: the same bits with any number of threads and on any run.
+
+use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+fn load(name: &str) -> Scene {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
+    let defines = BTreeMap::from([("res".to_owned(), "24".to_owned())]);
+    Scene::load(&SceneFolder::new(&folder).unwrap(), name, &defines, &Limits::default()).unwrap()
+}
+
+/// The bits of iteration 3, on a scene built and rendered with `threads` threads.
+fn bits(name: &str, settings: &IntegratorSettings, threads: usize) -> Vec<[u32; 3]> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let image = pool
+        .install(|| render_iteration(&load(name), settings, 42, 3, &Unobserved))
+        .unwrap();
+    image.pixels.iter().map(|p| p.to_rgb().map(f32::to_bits)).collect()
+}
+
+fn check(settings: &IntegratorSettings) {
+    for scene in ["mirror-glass.xml", "environment.xml"] {
+        let one = bits(scene, settings, 1);
+        assert!(
+            one.iter().any(|p| p.iter().any(|c| *c != 0)),
+            "{scene}: the image is not black"
+        );
+        for threads in [1, 2, 7] {
+            assert!(
+                bits(scene, settings, threads) == one,
+                "{scene}: other bits with {threads} threads"
+            );
+        }
+    }
+}
+
+#[test]
+fn path_has_the_same_bits_with_any_number_of_threads() {
+    check(&IntegratorSettings::Path(PathSettings::default()));
+}
+
+#[test]
+fn pppm_has_the_same_bits_with_any_number_of_threads() {
+    check(&IntegratorSettings::Pppm(PppmSettings {
+        photons: 30_000,
+        ..Default::default()
+    }));
+}
+
+#[test]
+fn pcf_has_the_same_bits_with_any_number_of_threads() {
+    for lookup_vertex in [LookupVertex::Auto, LookupVertex::Fixed(1)] {
+        check(&IntegratorSettings::Pcf(PcfSettings {
+            photons: 30_000,
+            lookup_vertex,
+            ..Default::default()
+        }));
+    }
+}
