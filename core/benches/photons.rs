@@ -1,0 +1,144 @@
+//! Light paths, map build, map queries and whole iterations.
+//!
+//!     cargo bench -p photonfarm-core --bench photons
+//!
+//! `divan` prints items per second: light paths, records, queries or pixels, as the benchmark's name says.
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::map::{Record, RecordMap};
+use photonfarm_core::math::Vec3;
+use photonfarm_core::random::{PathRandom, Stream};
+use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::spectrum::Spectrum;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+fn main() {
+    divan::main();
+}
+
+const THREADS: [usize; 2] = [1, 2];
+
+/// Runs `work` on a pool of `threads`.
+fn on_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("a pool")
+        .install(work)
+}
+
+fn load(name: &str, resolution: u32) -> Scene {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
+    let defines = BTreeMap::from([("res".to_owned(), resolution.to_string())]);
+    let files = SceneFolder::new(&folder).expect("the scenes are there");
+    Scene::load(&files, name, &defines, &Limits::default()).expect("the scene loads")
+}
+
+/// Tracing and storing photons in a closed box with a mirror and a glass ball; items are light paths.
+#[divan::bench(args = THREADS, sample_count = 5)]
+fn trace_light_paths(bencher: Bencher, threads: usize) {
+    const PATHS: u32 = 400_000;
+    let scene = load("mirror-glass.xml", 1);
+    let settings = PppmSettings {
+        photons: PATHS,
+        sigma1: Some(0.02),
+        ..Default::default()
+    };
+    let settings = IntegratorSettings::Pppm(settings);
+    bencher.counter(ItemsCount::new(PATHS)).bench(|| {
+        on_pool(threads, || {
+            render_iteration(&scene, &settings, 1, 1, &Unobserved)
+                .expect("it renders")
+                .counts
+        })
+    });
+}
+
+/// Records spread over the walls of a box of side 2.
+fn wall_records(count: u64) -> Vec<Vec<Record>> {
+    let record = |i: u64| {
+        let mut random = PathRandom::new(3, 1, Stream::Light, i);
+        let (axis, side) = (
+            (random.next() * 3.0) as usize,
+            if random.next() < 0.5 { 0.0 } else { 2.0 },
+        );
+        let mut position = [2.0 * random.next(), 2.0 * random.next(), 2.0 * random.next()];
+        position[axis] = side;
+        let mut direction = Vec3::ZERO;
+        direction[axis] = 1.0 - side;
+        Record {
+            position: Vec3::from_array(position),
+            direction,
+            weight: Spectrum::ONE,
+            edges: 1,
+        }
+    };
+    (0..count)
+        .map(record)
+        .collect::<Vec<_>>()
+        .chunks(8192)
+        .map(<[_]>::to_vec)
+        .collect()
+}
+
+/// A radius at which a query among a million wall records finds about two.
+const RADIUS: f32 = 0.004;
+
+/// Building the map; items are records.
+#[divan::bench(args = THREADS, sample_count = 10)]
+fn build_map(bencher: Bencher, threads: usize) {
+    const RECORDS: u64 = 1_000_000;
+    let records = wall_records(RECORDS);
+    bencher
+        .counter(ItemsCount::new(RECORDS))
+        .with_inputs(|| records.clone())
+        .bench_values(|records| on_pool(threads, || RecordMap::build(records, RADIUS)));
+}
+
+/// Queries in random order that find about two records each, on one thread; items are queries.
+#[divan::bench(sample_count = 10)]
+fn query_map(bencher: Bencher) {
+    const QUERIES: u64 = 200_000;
+    let map = RecordMap::build(wall_records(1_000_000), RADIUS);
+    let centers: Vec<Vec3> = wall_records(QUERIES)
+        .into_iter()
+        .flatten()
+        .map(|r| r.position)
+        .collect();
+    bencher.counter(ItemsCount::new(QUERIES)).bench(|| {
+        let mut sum = Spectrum::ZERO;
+        for center in &centers {
+            map.query(*center, |n| sum += n.weight());
+        }
+        sum
+    });
+}
+
+/// Whole iterations of the box with a mirror and a glass ball at 256 x 256 pixels on two threads; items are pixels.
+#[divan::bench(args = ["path", "pppm", "pcf"], sample_count = 5)]
+fn iteration(bencher: Bencher, integrator: &str) {
+    const RESOLUTION: u32 = 256;
+    let scene = load("mirror-glass.xml", RESOLUTION);
+    let settings = match integrator {
+        "path" => IntegratorSettings::Path(PathSettings {
+            samples: 1,
+            ..Default::default()
+        }),
+        "pppm" => IntegratorSettings::Pppm(PppmSettings::default()),
+        _ => IntegratorSettings::Pcf(PcfSettings {
+            samples: 1,
+            ..Default::default()
+        }),
+    };
+    bencher.counter(ItemsCount::new(RESOLUTION * RESOLUTION)).bench(|| {
+        on_pool(2, || {
+            render_iteration(&scene, &settings, 1, 1, &Unobserved)
+                .expect("it renders")
+                .counts
+        })
+    });
+}
