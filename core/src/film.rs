@@ -19,11 +19,20 @@ pub struct FilmSettings {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Filter {
     /// Constant within `radius` [pixels].
-    Box { radius: f32 },
+    Box {
+        /// Half width [pixels].
+        radius: f32,
+    },
     /// Linear to zero at `radius`.
-    Tent { radius: f32 },
+    Tent {
+        /// Half width [pixels].
+        radius: f32,
+    },
     /// Gaussian of standard deviation `stddev`, cut at four of them and lowered to reach zero there, as Mitsuba's.
-    Gaussian { stddev: f32 },
+    Gaussian {
+        /// Standard deviation [pixels].
+        stddev: f32,
+    },
 }
 
 impl Filter {
@@ -112,9 +121,13 @@ pub enum FilmError {
         "node ({left_level}, {left_index}) and node ({right_level}, {right_index}) are not the left and right child of one node"
     )]
     NotSiblings {
+        /// Level of the left operand.
         left_level: u32,
+        /// Index of the left operand.
         left_index: u32,
+        /// Level of the right operand.
         right_level: u32,
+        /// Index of the right operand.
         right_index: u32,
     },
     /// Different image sizes, or a buffer of another length than its size says.
@@ -122,7 +135,14 @@ pub enum FilmError {
     Size(String),
     /// A pixel that is not finite or is negative.
     #[error("pixel ({x}, {y}) is {value}: not a finite, non-negative radiance")]
-    Pixel { x: u32, y: u32, value: f32 },
+    Pixel {
+        /// Column.
+        x: u32,
+        /// Row.
+        y: u32,
+        /// What was found.
+        value: f32,
+    },
 }
 
 impl Node {
@@ -324,5 +344,45 @@ mod tests {
             }
         }
         assert_eq!(Filter::Gaussian { stddev: 0.5 }.sample(Vec2::splat(0.5)), Vec2::ZERO);
+    }
+
+    fn leaf(index: u32, value: f32) -> Node {
+        Node::leaf(index, 2, 1, &[Spectrum::splat(value), Spectrum::splat(2.0 * value)]).unwrap()
+    }
+
+    #[test]
+    fn only_the_children_of_one_node_merge() {
+        let parent = leaf(2, 1.0).merge(&leaf(3, 4.0)).unwrap();
+        assert_eq!((parent.level, parent.index, parent.iterations()), (1, 1, 2));
+        assert_eq!(parent.sum, [5.0, 5.0, 5.0, 10.0, 10.0, 10.0]);
+        for (left, right) in [
+            (leaf(1, 1.0), leaf(2, 1.0)),
+            (leaf(3, 1.0), leaf(2, 1.0)),
+            (parent, leaf(2, 1.0)),
+        ] {
+            assert!(matches!(left.merge(&right), Err(FilmError::NotSiblings { .. })));
+        }
+    }
+
+    #[test]
+    fn the_average_has_the_mean_and_its_standard_error() {
+        let nodes = [leaf(0, 1.0).merge(&leaf(1, 3.0)).unwrap(), leaf(2, 5.0)];
+        let image = Image::average(&nodes).unwrap();
+        assert_eq!(image.iterations, 3);
+        assert_eq!(image.pixels[0], Spectrum::splat(3.0));
+        let expected = (8.0_f32 / 3.0 / 2.0).sqrt();
+        assert!((image.standard_error[0] / expected - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_leaf_with_a_bad_pixel_or_size_is_refused() {
+        for value in [f32::NAN, f32::INFINITY, -1.0] {
+            let error = Node::leaf(0, 2, 1, &[Spectrum::ONE, Spectrum::splat(value)]).unwrap_err();
+            assert!(matches!(error, FilmError::Pixel { x: 1, y: 0, .. }));
+        }
+        assert!(matches!(
+            Node::leaf(0, 2, 2, &[Spectrum::ONE; 3]),
+            Err(FilmError::Size(_))
+        ));
     }
 }
