@@ -1,0 +1,217 @@
+"""Renders scenes made by others, unchanged, and compares them with the pictures that came with them.
+
+Where no picture came with a scene, one method is compared with another.
+
+References are averaged down to our size. A glossy or tiny light leaves a few pixels that no sampling settles, and
+edges are filtered differently at another size, so the comparison is of blocks of 4 x 4 pixels, and by medians and
+trimmed means: the brightest blocks of the reference (2 %) and all that touch an infinite pixel are left out.
+"""
+
+import argparse
+import pathlib
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from noise import block_means, luminance
+from renderers import Mitsuba, Photonfarm, read_picture
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BLOCK = 4
+TRIM = 0.02
+SEEDS = 4
+
+
+@dataclass
+class Case:
+    """One scene rendered by one integrator, and what it must agree with."""
+
+    scene: str
+    integrator: str
+    iterations: int
+    settings: dict
+    defines: dict
+    # A picture beside the scene (.exr), one of the folder of pictures (.npz), or another integrator for the scene.
+    reference: str
+    # Between which bounds the median ratio and the ratio of trimmed means must lie.
+    low: float
+    high: float
+    # Share of blocks that may differ by more than a tenth and three standard errors of ours.
+    share: float
+
+
+def cases(with_pictures):
+    """The comparisons.
+
+    The two pictures of veach-mis end at two and at three edges. Mitsuba itself is 1.2 % above the picture of
+    veach-bidir. The picture of water-caustic stops at nine edges, and so do we there; the one made by vertex
+    connection and merging has no limit.
+    """
+    mis, bidir, water, torus = "veach-mis/mitsuba", "veach-bidir/mitsuba", "water-caustic/mitsuba", "torus"
+    wide, square, table = {"resx": 160, "resy": 90}, {"resx": 128, "resy": 128}, {"width": 128, "height": 96}
+    tank = {"width": 128, "height": 128}
+    stored, vcm, paths = "reference-tungsten.exr", "water-caustic-vcm-256.npz", {"samples": 16}
+    found = [
+        Case(mis, "path", 8, paths, wide | {"max_depth": 2}, stored, 0.99, 1.02, 0.08),
+        Case(mis, "path", 8, paths, wide, "scene.exr", 0.99, 1.02, 0.08),
+        Case(mis, "pppm", 16, {}, wide, "scene.exr", 0.97, 1.04, 0.15),
+        Case(mis, "pcf", 16, {}, wide, "scene.exr", 0.97, 1.04, 0.15),
+        Case(bidir, "path", 16, paths, square, stored, 0.98, 1.03, 0.05),
+        Case(bidir, "pppm", 16, {}, square, stored, 0.97, 1.04, 0.10),
+        Case(bidir, "pcf", 16, {}, square, stored, 0.97, 1.04, 0.10),
+        Case(water, "pppm", 16, {}, tank, stored, 0.95, 1.05, 0.15),
+        Case(water, "pcf", 16, {}, tank, stored, 0.95, 1.05, 0.15),
+        Case(torus, "pppm", 16, {}, table, "path", 0.97, 1.03, 0.10),
+        Case(torus, "pcf", 16, {}, table, "pppm", 0.97, 1.03, 0.10),
+    ]
+    if with_pictures:
+        found += [
+            Case(water, "pppm", 16, {}, tank | {"max_depth": -1}, vcm, 0.95, 1.05, 0.15),
+            Case(water, "pcf", 16, {}, tank | {"max_depth": -1}, vcm, 0.95, 1.05, 0.15),
+        ]
+    return found
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=pathlib.Path, help="folder of scenes made by others")
+    parser.add_argument(
+        "pictures", nargs="?", type=pathlib.Path, help="folder of further reference pictures, with their noise"
+    )
+    parser.add_argument("--photonfarm", default=ROOT / "target/release/photonfarm", help="the binary")
+    parser.add_argument(
+        "--only",
+        default="",
+        help="only comparisons whose scene, integrator and reference, set one after the other, contain this",
+    )
+    parser.add_argument("--keep", type=pathlib.Path, help="folder that takes our pictures")
+    parser.add_argument("--gain", type=float, default=1, help="brightens our pictures: a check of this test")
+    parser.add_argument(
+        "--candidate",
+        choices=["photonfarm", "mitsuba"],
+        default="photonfarm",
+        help="`mitsuba` renders the `path` comparisons with Mitsuba: a check of this test",
+    )
+    return parser.parse_args()
+
+
+def blocks_of(values, size):
+    """Means of blocks of one value per pixel."""
+    return block_means(values[None, ..., None], size)[0, ..., 0]
+
+
+def blocks(picture):
+    """Luminance of blocks; infinite where a block touches an infinite pixel."""
+    return blocks_of(luminance(picture), BLOCK)
+
+
+def shrink(picture, height, width):
+    """Averages whole squares of pixels down to the size of our pictures."""
+    factor = picture.shape[0] // height
+    if (height * factor, width * factor) != picture.shape[:2]:
+        raise ValueError(f"{picture.shape[:2]} is no multiple of {(height, width)}")
+    return block_means(picture[None], factor)[0]
+
+
+@dataclass
+class Finding:
+    median: float
+    mean: float
+    mean_error: float
+    share: float
+
+
+def examine(renders, reference, reference_error):
+    """Compares independent renders, by blocks, with a reference of the same size and its standard error."""
+    ours = np.stack([blocks(render) for render in renders])
+    wanted = blocks(reference)
+    usable = np.isfinite(wanted) & (wanted > 1e-3 * np.median(wanted[np.isfinite(wanted)]))
+    usable &= wanted <= np.quantile(wanted[usable], 1 - TRIM)
+    ours, wanted, reference_error = ours[:, usable], wanted[usable], reference_error[usable]
+    mean = ours.mean(0)
+    means = ours.mean(1) / wanted.mean()
+    error = np.hypot(ours.std(0, ddof=1) / np.sqrt(len(ours)), reference_error)
+    share = float((abs(mean - wanted) > 0.1 * wanted + 3 * error).mean())
+    return Finding(
+        float(np.median(mean / wanted)), float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means))), share
+    )
+
+
+class Suite:
+    def __init__(self, options):
+        self.options = options
+        self.done = {}
+
+    def render(self, case, integrator, iterations, settings):
+        """Independent renders, made once."""
+        key = (case.scene, integrator, tuple(case.defines.items()))
+        if key not in self.done:
+            scene = self.options.folder / case.scene / "scene.xml"
+            if not scene.is_file():
+                sys.exit(f"error: {scene} is missing")
+            seeds = range(1, 1 + SEEDS)
+            if self.options.candidate == "mitsuba":
+                samples = iterations * settings["samples"]
+                self.done[key] = Mitsuba().renders(scene, case.defines, samples, seeds)
+            else:
+                keep = self.options.keep and str(self.options.keep / f"{case.scene.split('/')[0]}-{integrator}.exr")
+                self.done[key] = Photonfarm(self.options.photonfarm).renders(
+                    scene, case.defines, integrator, settings, iterations, seeds, keep
+                )
+        return self.done[key]
+
+    def run(self, case):
+        """What one comparison found."""
+        renders = self.render(case, case.integrator, case.iterations, case.settings) * self.options.gain
+        return examine(renders, *self.reference(case, *renders.shape[1:3]))
+
+    def reference(self, case, height, width):
+        """The reference at our size, and the standard error of its blocks."""
+        if case.reference.endswith(".exr"):
+            picture = shrink(read_picture(self.options.folder / case.scene / case.reference), height, width)
+            return picture, np.zeros_like(blocks(picture))
+        if case.reference.endswith(".npz"):
+            stored = np.load(self.options.pictures / case.reference)
+            factor = stored["mean"].shape[0] // height * BLOCK
+            variance = blocks_of(luminance(stored["standard_error"].astype(float)) ** 2, factor) / factor**2
+            return shrink(stored["mean"].astype(float), height, width), np.sqrt(variance)
+        settings = {"samples": 16} if case.reference == "path" else {}
+        renders = self.render(case, case.reference, 16, settings)
+        error = np.stack([blocks(render) for render in renders]).std(0, ddof=1) / np.sqrt(len(renders))
+        return renders.mean(0), error
+
+
+def main():
+    options = arguments()
+    suite, failed = Suite(options), []
+    if options.keep:
+        options.keep.mkdir(parents=True, exist_ok=True)
+    print(
+        f"{'scene':24} {'integrator':10} {'against':26} {'median':>7} {'mean (standard error)':>22} {'bounds':>14} "
+        f"{'differ':>7} {'limit':>6} {'s':>6}"
+    )
+    for case in cases(options.pictures):
+        name = f"{case.scene} {case.integrator} {case.reference}"
+        if options.only not in name or (options.candidate == "mitsuba" and case.integrator != "path"):
+            continue
+        start = time.monotonic()
+        found = suite.run(case)
+        good = case.low <= found.median <= case.high and found.share <= case.share
+        good &= case.low - 3 * found.mean_error <= found.mean <= case.high + 3 * found.mean_error
+        print(
+            f"{case.scene:24} {case.integrator:10} {case.reference:26} {found.median:7.4f} "
+            f"{f'{found.mean:.4f} ({found.mean_error:.4f})':>22} {f'{case.low:.2f} to {case.high:.2f}':>14} "
+            f"{found.share:7.2%} {case.share:6.1%} {time.monotonic() - start:6.1f} {'' if good else 'DIFFERS'}",
+            flush=True,
+        )
+        if not good:
+            failed.append(name)
+    if failed:
+        sys.exit(f"\nerror: beyond bounds: {', '.join(failed)}")
+    print("\nAll within bounds.")
+
+
+if __name__ == "__main__":
+    main()
