@@ -21,4 +21,3 @@ pub mod sensor;
 pub mod settings;
 pub mod spectrum;
 pub mod texture;
-pub mod tree;

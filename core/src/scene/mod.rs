@@ -1,4 +1,23 @@
 //! Scenes: as written (untrusted) and as rendered (validated, built).
+//!
+//! Files come through [`SceneFiles`]; `xml` reads them into a `Description`, in which every value has its type and its
+//! place; `build` turns that into a [`Scene`]. What was written and never asked for is an error, as in Mitsuba.
+
+mod build;
+mod description;
+mod error;
+mod files;
+mod image;
+mod limits;
+mod loader;
+mod mesh;
+mod reader;
+mod spectrum;
+mod xml;
+
+pub use error::{Place, SceneError};
+pub use files::{RecordedFiles, SceneFiles, SceneFolder, normalise};
+pub use limits::Limits;
 
 use crate::film::FilmSettings;
 use crate::geometry::{Geometry, ShapeId, SurfacePoint};
@@ -6,6 +25,7 @@ use crate::light::{LightId, Lights};
 use crate::material::Material;
 use crate::sensor::Sensor;
 use crate::settings::IntegratorSettings;
+use std::collections::BTreeMap;
 
 /// A renderable scene: validated and built. Nothing in it can make rendering fail.
 #[derive(Debug)]
@@ -47,6 +67,21 @@ pub struct Wishes {
 }
 
 impl Scene {
+    /// Loads the scene file `main`. `defines` set its parameters in place of their `<default>`s.
+    ///
+    /// # Errors
+    /// Anything wrong with the scene or its files, with its place; see [`SceneError`].
+    pub fn load(
+        files: &dyn SceneFiles,
+        main: &str,
+        defines: &BTreeMap<String, String>,
+        limits: &Limits,
+    ) -> Result<Self, SceneError> {
+        let mut loader = loader::Loader::new(files, limits);
+        let description = xml::read(&mut loader, main, defines)?;
+        build::build(&description, &mut loader)
+    }
+
     /// The material at a point.
     #[must_use]
     pub fn material(&self, point: &SurfacePoint) -> &Material {

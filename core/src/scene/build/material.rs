@@ -1,0 +1,276 @@
+//! BSDFs.
+
+use super::Builder;
+use super::texture::{Role, colour};
+use crate::material::{Material, MicrofacetKind, Microfacets, ior};
+use crate::math::Vec2;
+use crate::scene::description::{Kind, ObjectId, Value};
+use crate::scene::error::SceneError;
+use crate::scene::reader::{POSITIVE, Reader};
+use crate::scene::spectrum::Use;
+use crate::spectrum::Spectrum;
+use crate::texture::Texture;
+use std::ops::RangeInclusive;
+
+const SUPPORTED: [&str; 7] = [
+    "diffuse",
+    "twosided",
+    "dielectric",
+    "roughdielectric",
+    "conductor",
+    "roughconductor",
+    "null",
+];
+/// BSDFs of Mitsuba that do not exist here.
+const ELSEWHERE: [&str; 18] = [
+    "mask",
+    "blendbsdf",
+    "bumpmap",
+    "normalmap",
+    "plastic",
+    "roughplastic",
+    "principled",
+    "principledthin",
+    "thindielectric",
+    "measured",
+    "pplastic",
+    "polarizer",
+    "retarder",
+    "circular",
+    "hair",
+    "phong",
+    "coating",
+    "ward",
+];
+/// The range of roughness: below it the microfacet distributions lose precision.
+const ROUGHNESS: RangeInclusive<f64> = 1e-4..=10.0;
+
+impl Builder<'_, '_> {
+    /// The index of the material that `object` describes.
+    pub(super) fn material(&mut self, object: ObjectId) -> Result<u32, SceneError> {
+        if let Some(index) = self.material_of.get(&object) {
+            return Ok(*index);
+        }
+        let material = self.new_material(object)?;
+        self.materials.push(material);
+        let index = self.materials.len() as u32 - 1;
+        self.material_of.insert(object, index);
+        Ok(index)
+    }
+
+    /// The material of shapes without one: Mitsuba's default, a grey diffuse surface.
+    pub(super) fn default_material(&mut self) -> u32 {
+        *self.default_material.get_or_insert_with(|| {
+            self.materials.push(Material::Diffuse {
+                reflectance: Texture::Constant(Spectrum::splat(0.5)),
+            });
+            self.materials.len() as u32 - 1
+        })
+    }
+
+    fn new_material(&mut self, object: ObjectId) -> Result<Material, SceneError> {
+        let reader = self.reader(object);
+        if self.building.contains(&object) {
+            let place = reader.place().clone();
+            let (id, reason) = (reader.object.plugin.clone(), "the BSDF contains itself".to_owned());
+            return Err(SceneError::Reference { place, id, reason });
+        }
+        self.building.push(object);
+        let material = match reader.object.plugin.as_str() {
+            "diffuse" => self.diffuse(&reader)?,
+            "twosided" => self.two_sided(&reader)?,
+            "dielectric" | "roughdielectric" => self.dielectric(&reader)?,
+            "conductor" | "roughconductor" => self.conductor(&reader)?,
+            "null" => Material::Null,
+            other if ELSEWHERE.contains(&other) => {
+                let instead = format!("there are: {}", SUPPORTED.join(", "));
+                return Err(reader.unsupported(format!("type `{other}`"), instead));
+            }
+            _ => return Err(reader.unknown_type(&SUPPORTED)),
+        };
+        reader.finish()?;
+        self.building.pop();
+        Ok(material)
+    }
+
+    fn diffuse(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let old = "diffuse_reflectance";
+        let given = |name: &str| {
+            reader.object.properties.contains_key(name)
+                || reader
+                    .object
+                    .children
+                    .iter()
+                    .any(|child| child.name.as_deref() == Some(name))
+        };
+        let name = if given(old) && !given("reflectance") {
+            old
+        } else {
+            "reflectance"
+        };
+        Ok(Material::Diffuse {
+            reflectance: self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)?,
+        })
+    }
+
+    fn two_sided(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let sides = reader.children(Kind::Bsdf);
+        let (front, back) = match sides[..] {
+            [both] => (both, both),
+            [front, back] => (front, back),
+            _ => return Err(reader.missing(format!("one or two nested BSDFs (found {})", sides.len()))),
+        };
+        let mut side = |object: ObjectId| {
+            let material = self.new_material(object)?;
+            match material {
+                Material::Diffuse { .. } | Material::Conductor { .. } | Material::RoughConductor { .. } => {
+                    Ok(Box::new(material))
+                }
+                _ => {
+                    let place = self.description.objects[object].place.clone();
+                    let field = reader.context();
+                    Err(SceneError::value(
+                        &place,
+                        field,
+                        "a side must reflect only: diffuse, conductor, roughconductor",
+                    ))
+                }
+            }
+        };
+        Ok(Material::TwoSided {
+            front: side(front.target)?,
+            back: side(back.target)?,
+        })
+    }
+
+    fn dielectric(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let interior = refractive_index(reader, "int_ior", "bk7")?;
+        let exterior = refractive_index(reader, "ext_ior", "air")?;
+        let eta = (interior / exterior) as f32;
+        if !(1e-3..=1e3).contains(&eta) {
+            return Err(reader.wrong(
+                "int_ior",
+                format!("the ratio of indices is {eta}; allowed: 0.001 to 1000"),
+            ));
+        }
+        let specular_reflectance = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?;
+        let specular_transmittance =
+            self.colour_or_texture(reader, "specular_transmittance", Role::REFLECTANCE, 1.0)?;
+        if reader.object.plugin == "dielectric" {
+            return Ok(Material::Dielectric {
+                eta,
+                specular_reflectance,
+                specular_transmittance,
+            });
+        }
+        let distribution = microfacets(reader)?;
+        Ok(Material::RoughDielectric {
+            eta,
+            distribution,
+            specular_reflectance,
+            specular_transmittance,
+        })
+    }
+
+    fn conductor(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let (eta, k) = complex_index(reader)?;
+        let specular_reflectance = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?;
+        if reader.object.plugin == "conductor" {
+            return Ok(Material::Conductor {
+                eta,
+                k,
+                specular_reflectance,
+            });
+        }
+        let distribution = microfacets(reader)?;
+        Ok(Material::RoughConductor {
+            eta,
+            k,
+            distribution,
+            specular_reflectance,
+        })
+    }
+}
+
+/// An index of refraction as a number or the name of a material.
+fn refractive_index(reader: &Reader, name: &str, default: &str) -> Result<f64, SceneError> {
+    let material = match reader.property(name).map(|property| &property.value) {
+        Some(Value::String(material)) => material.as_str(),
+        Some(_) => return Ok(reader.float(name, POSITIVE)?.unwrap_or(1.0)),
+        None => default,
+    };
+    ior::dielectric(material).map(f64::from).ok_or_else(|| {
+        let names: Vec<&str> = ior::dielectric_names().collect();
+        reader.wrong(
+            name,
+            format!("there is no dielectric `{material}`; there are: {}", names.join(", ")),
+        )
+    })
+}
+
+/// The complex index of a conductor: a named material, or `eta` and `k`; a perfect mirror by default.
+fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
+    for name in ["eta", "k"] {
+        if let Some(child) = reader
+            .object
+            .children
+            .iter()
+            .find(|child| child.name.as_deref() == Some(name))
+        {
+            let field = format!("{} `{name}`", reader.context());
+            return Err(SceneError::value(
+                &child.place,
+                field,
+                "textures are not supported here; give rgb or spectrum",
+            ));
+        }
+    }
+    let (eta, k) = (
+        colour(reader, "eta", Use::Constant)?,
+        colour(reader, "k", Use::Constant)?,
+    );
+    let material = reader.string("material")?.filter(|name| *name != "none");
+    match (material, eta, k) {
+        (None, eta, k) => Ok((eta.unwrap_or(Spectrum::ZERO), k.unwrap_or(Spectrum::ONE))),
+        (Some(name), None, None) => ior::conductor(name).ok_or_else(|| {
+            let names: Vec<&str> = ior::conductor_names().collect();
+            reader.wrong(
+                "material",
+                format!("there is no conductor `{name}`; there are: {}", names.join(", ")),
+            )
+        }),
+        _ => Err(reader.wrong("material", "give either `material` or `eta` and `k`, not both")),
+    }
+}
+
+fn microfacets(reader: &Reader) -> Result<Microfacets, SceneError> {
+    let kinds = [("beckmann", MicrofacetKind::Beckmann), ("ggx", MicrofacetKind::Ggx)];
+    let kind = reader.choice("distribution", &kinds, MicrofacetKind::Beckmann)?;
+    reader.boolean("sample_visible", true)?;
+    for name in ["alpha", "alpha_u", "alpha_v"] {
+        if let Some(child) = reader
+            .object
+            .children
+            .iter()
+            .find(|child| child.name.as_deref() == Some(name))
+        {
+            let field = format!("{} `{name}`", reader.context());
+            return Err(SceneError::value(
+                &child.place,
+                field,
+                "textured roughness is not supported; give a number",
+            ));
+        }
+    }
+    let alpha = reader.float("alpha", ROUGHNESS)?;
+    let (u, v) = (reader.float("alpha_u", ROUGHNESS)?, reader.float("alpha_v", ROUGHNESS)?);
+    let alpha = match (alpha, u, v) {
+        (alpha, None, None) => [alpha.unwrap_or(0.1); 2],
+        (None, Some(u), Some(v)) => [u, v],
+        _ => return Err(reader.wrong("alpha_u", "give either `alpha`, or `alpha_u` and `alpha_v` both")),
+    };
+    Ok(Microfacets {
+        kind,
+        alpha: Vec2::new(alpha[0] as f32, alpha[1] as f32),
+    })
+}

@@ -1,0 +1,284 @@
+//! Sensor, film, reconstruction filter and sampler.
+
+use super::uniform_scale;
+use crate::film::{FilmSettings, Filter};
+use crate::math::{Transform, Vec2};
+use crate::scene::Limits;
+use crate::scene::description::{Description, Kind, ObjectId, Value};
+use crate::scene::error::{SceneError, within};
+use crate::scene::reader::{ANY, NOT_NEGATIVE, POSITIVE, Reader};
+use crate::sensor::{Lens, Sensor};
+
+const SENSORS: [&str; 2] = ["perspective", "thinlens"];
+/// Sensors of Mitsuba that do not exist here.
+const OTHER_SENSORS: [&str; 7] = [
+    "orthographic",
+    "radiancemeter",
+    "irradiancemeter",
+    "distant",
+    "batch",
+    "telecentric",
+    "spherical",
+];
+const SAMPLERS: [&str; 9] = [
+    "independent",
+    "stratified",
+    "multijitter",
+    "orthogonal",
+    "ldsampler",
+    "halton",
+    "hammersley",
+    "sobol",
+    "deterministic",
+];
+
+/// The camera, the film, and the samples per pixel where the scene says them.
+pub(super) fn build(
+    description: &Description,
+    object: ObjectId,
+    limits: &Limits,
+) -> Result<(Sensor, FilmSettings, Option<u32>), SceneError> {
+    let reader = Reader::new(description, object);
+    let plugin = reader.object.plugin.as_str();
+    if OTHER_SENSORS.contains(&plugin) {
+        return Err(reader.unsupported(format!("type `{plugin}`"), format!("there are: {}", SENSORS.join(", "))));
+    }
+    if !SENSORS.contains(&plugin) {
+        return Err(reader.unknown_type(&SENSORS));
+    }
+    let film = match reader.only_child(Kind::Film)? {
+        Some(film) => film_settings(&Reader::new(description, film.target), description, limits)?,
+        None => FilmSettings {
+            resolution: DEFAULT_RESOLUTION,
+            filter: DEFAULT_FILTER,
+        },
+    };
+    let sample_count = match reader.only_child(Kind::Sampler)? {
+        Some(sampler) => sample_count(&Reader::new(description, sampler.target))?,
+        None => None,
+    };
+    let sensor = camera(&reader, film.resolution)?;
+    reader.finish()?;
+    Ok((sensor, film, sample_count))
+}
+
+const DEFAULT_RESOLUTION: [u32; 2] = [768, 576];
+const DEFAULT_FILTER: Filter = Filter::Gaussian { stddev: 0.5 };
+
+fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<Sensor, SceneError> {
+    let to_world = reader.transform("to_world")?.unwrap_or_default();
+    if uniform_scale(&to_world).is_none_or(|scale| (scale - 1.0).abs() > 1e-3) {
+        let reason = "a camera can be moved, rotated and mirrored, but not scaled or sheared";
+        return Err(reader.wrong("to_world", reason));
+    }
+    check_position(reader, &to_world)?;
+    let near = reader.float_or("near_clip", POSITIVE, 1e-2)?;
+    let far = reader.float_or("far_clip", POSITIVE, 1e4)?;
+    if near >= far {
+        return Err(reader.wrong("near_clip", format!("{near} is not below `far_clip`, {far}")));
+    }
+    let offset = |name| reader.float_or(name, -10.0..=10.0, 0.0);
+    let principal_point = Vec2::new(
+        offset("principal_point_offset_x")? as f32,
+        offset("principal_point_offset_y")? as f32,
+    );
+    let focus_distance = reader.float_or("focus_distance", POSITIVE, far)? as f32;
+    shutter(reader)?;
+    let lens = if reader.object.plugin == "thinlens" {
+        let radius = reader.float("aperture_radius", NOT_NEGATIVE)?;
+        let radius = radius.ok_or_else(|| reader.missing("property `aperture_radius`"))? as f32;
+        (radius > 0.0).then_some(Lens { radius, focus_distance })
+    } else {
+        None
+    };
+    let fov_x = horizontal_field_of_view(reader, f64::from(resolution[0]) / f64::from(resolution[1]))? as f32;
+    let clip = [near as f32, far as f32];
+    Ok(Sensor {
+        to_world,
+        fov_x,
+        principal_point,
+        resolution,
+        clip,
+        lens,
+    })
+}
+
+fn check_position(reader: &Reader, to_world: &Transform) -> Result<(), SceneError> {
+    let position = to_world.point(crate::math::Vec3::ZERO);
+    let limit = crate::scene::mesh::LARGEST_COORDINATE;
+    if position.abs().max_element() <= limit {
+        return Ok(());
+    }
+    Err(reader.wrong("to_world", format!("the camera at {position} lies beyond {limit:e}")))
+}
+
+/// There is no motion, so the shutter must open for no time.
+fn shutter(reader: &Reader) -> Result<(), SceneError> {
+    let open = reader.float_or("shutter_open", ANY, 0.0)?;
+    let close = reader.float_or("shutter_close", ANY, open)?;
+    if open == close {
+        Ok(())
+    } else {
+        Err(reader.wrong("shutter_close", "motion blur is not supported"))
+    }
+}
+
+/// The horizontal field of view [radians] of `fov` and `fov_axis`, or of `focal_length` on 35 mm film.
+fn horizontal_field_of_view(reader: &Reader, aspect: f64) -> Result<f64, SceneError> {
+    #[derive(Clone, Copy)]
+    enum Axis {
+        X,
+        Y,
+        Diagonal,
+    }
+    let (smaller, larger) = if aspect > 1.0 {
+        (Axis::Y, Axis::X)
+    } else {
+        (Axis::X, Axis::Y)
+    };
+    let axes = [
+        ("x", Axis::X),
+        ("y", Axis::Y),
+        ("diagonal", Axis::Diagonal),
+        ("smaller", smaller),
+        ("larger", larger),
+    ];
+    let axis = reader.choice("fov_axis", &axes, Axis::X)?;
+    let fov = reader.float("fov", 1e-3..=179.999)?;
+    let length = focal_length(reader)?;
+    let (fov, axis) = match (fov, length) {
+        (Some(_), Some(_)) => return Err(reader.wrong("fov", "give either `fov` or `focal_length`, not both")),
+        (Some(fov), None) => (fov.to_radians(), axis),
+        // The diagonal of a 36 mm by 24 mm image.
+        (None, length) => (
+            2.0 * libm::atan(1872.0_f64.sqrt() / (2.0 * length.unwrap_or(50.0))),
+            Axis::Diagonal,
+        ),
+    };
+    let half = libm::tan(0.5 * fov);
+    let fov_x = 2.0
+        * libm::atan(match axis {
+            Axis::X => half,
+            Axis::Y => half * aspect,
+            Axis::Diagonal => half / (1.0 + 1.0 / (aspect * aspect)).sqrt(),
+        });
+    let degrees = fov_x.to_degrees();
+    if !(1e-3..=179.999).contains(&degrees) {
+        let reason = format!("the horizontal field of view is {degrees} degrees; allowed: 0.001 to 179.999");
+        return Err(reader.wrong("fov", reason));
+    }
+    Ok(fov_x)
+}
+
+/// `focal_length` [mm]: a number, or a string such as `50mm`.
+fn focal_length(reader: &Reader) -> Result<Option<f64>, SceneError> {
+    let Some(Value::String(text)) = reader.property("focal_length").map(|property| &property.value) else {
+        return reader.float("focal_length", 0.1..=1e6);
+    };
+    let number = text
+        .trim()
+        .strip_suffix("mm")
+        .unwrap_or(text)
+        .trim()
+        .parse::<f64>()
+        .ok();
+    let number = number.filter(|length| (0.1..=1e6).contains(length));
+    number.map(Some).ok_or_else(|| {
+        reader.wrong(
+            "focal_length",
+            format!("`{text:.40}` is not a length from 0.1mm to 1000000mm"),
+        )
+    })
+}
+
+fn film_settings(reader: &Reader, description: &Description, limits: &Limits) -> Result<FilmSettings, SceneError> {
+    if reader.object.plugin != "hdrfilm" {
+        return match reader.object.plugin.as_str() {
+            other @ ("ldrfilm" | "specfilm" | "mfilm" | "tiledhdrfilm") => {
+                Err(reader.unsupported(format!("type `{other}`"), "there is: hdrfilm"))
+            }
+            _ => Err(reader.unknown_type(&["hdrfilm"])),
+        };
+    }
+    let size = |name, default: u32| {
+        Ok::<_, SceneError>(reader.integer(name, 1..=1 << 16)?.unwrap_or(i64::from(default)) as u32)
+    };
+    let resolution = [
+        size("width", DEFAULT_RESOLUTION[0])?,
+        size("height", DEFAULT_RESOLUTION[1])?,
+    ];
+    let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
+    within(reader.place(), "number of pixels of the film", pixels, limits.pixels)?;
+    for (name, whole) in [
+        ("crop_offset_x", 0),
+        ("crop_offset_y", 0),
+        ("crop_width", resolution[0]),
+        ("crop_height", resolution[1]),
+    ] {
+        if reader
+            .integer(name, 0..=i64::MAX)?
+            .is_some_and(|value| value != i64::from(whole))
+        {
+            return Err(reader.wrong(
+                name,
+                format!("crops are not supported; leave it out or set it to {whole}"),
+            ));
+        }
+    }
+    for name in ["sample_border", "high_quality_edges"] {
+        if reader.boolean(name, false)? {
+            return Err(reader.wrong(
+                name,
+                "it is not supported and not needed: each sample belongs to one pixel",
+            ));
+        }
+    }
+    reader.boolean("compensate", false)?;
+    let choices = |names: &[&'static str]| names.iter().map(|name| (*name, ())).collect::<Vec<_>>();
+    reader.choice("file_format", &choices(&["openexr", "exr", "rgbe", "pfm"]), ())?;
+    let formats = ["luminance", "luminance_alpha", "rgb", "rgba", "xyz", "xyza"];
+    reader.choice("pixel_format", &choices(&formats), ())?;
+    reader.choice("component_format", &choices(&["float16", "float32", "uint32"]), ())?;
+    let filter = match reader.only_child(Kind::Filter)? {
+        Some(filter) => reconstruction_filter(&Reader::new(description, filter.target))?,
+        None => DEFAULT_FILTER,
+    };
+    reader.finish()?;
+    Ok(FilmSettings { resolution, filter })
+}
+
+fn reconstruction_filter(reader: &Reader) -> Result<Filter, SceneError> {
+    let width = |name, default: f64| Ok::<_, SceneError>(reader.float_or(name, 0.01..=16.0, default)? as f32);
+    let filter = match reader.object.plugin.as_str() {
+        "box" => Filter::Box {
+            radius: width("radius", 0.5)?,
+        },
+        "tent" => Filter::Tent {
+            radius: width("radius", 1.0)?,
+        },
+        "gaussian" => Filter::Gaussian {
+            stddev: width("stddev", 0.5)?,
+        },
+        other @ ("mitchell" | "catmullrom" | "lanczos") => {
+            let instead = "its negative lobes cannot be sampled; there are: box, tent, gaussian";
+            return Err(reader.unsupported(format!("type `{other}`"), instead));
+        }
+        _ => return Err(reader.unknown_type(&["box", "tent", "gaussian"])),
+    };
+    reader.finish()?;
+    Ok(filter)
+}
+
+/// The renderer has its own random numbers; of a sampler only the count matters.
+fn sample_count(reader: &Reader) -> Result<Option<u32>, SceneError> {
+    if !SAMPLERS.contains(&reader.object.plugin.as_str()) {
+        return Err(reader.unknown_type(&SAMPLERS));
+    }
+    let count = reader.integer("sample_count", 1..=i64::from(u32::MAX))?;
+    reader.integer("seed", 0..=i64::MAX)?;
+    reader.boolean("jitter", true)?;
+    reader.integer("dimension", 1..=i64::MAX)?;
+    reader.integer("scramble", -1..=i64::MAX)?;
+    reader.finish()?;
+    Ok(count.map(|count| count as u32))
+}

@@ -1,0 +1,159 @@
+//! Shapes.
+
+use super::{Builder, uniform_scale};
+use crate::geometry::Shape;
+use crate::light::Light;
+use crate::math::{Transform, Vec3};
+use crate::scene::description::{Kind, ObjectId};
+use crate::scene::error::SceneError;
+use crate::scene::mesh::{self, MeshFile, RawMesh, primitives};
+use crate::scene::reader::{POSITIVE, Reader};
+use glam::{DMat4, DVec3};
+
+use super::texture::Role;
+
+const SUPPORTED: [&str; 7] = ["rectangle", "cube", "sphere", "disk", "obj", "ply", "serialized"];
+/// Shapes of Mitsuba that do not exist here.
+const ELSEWHERE: [&str; 10] = [
+    "cylinder",
+    "instance",
+    "shapegroup",
+    "bsplinecurve",
+    "linearcurve",
+    "sdfgrid",
+    "merge",
+    "hair",
+    "heightfield",
+    "ellipsoids",
+];
+
+impl Builder<'_, '_> {
+    pub(super) fn shape(&mut self, object: ObjectId) -> Result<(), SceneError> {
+        let reader = self.reader(object);
+        let to_world = reader.transform("to_world")?.unwrap_or_default();
+        let flip = reader.boolean("flip_normals", false)?;
+        let shape = match reader.object.plugin.as_str() {
+            "rectangle" => self.flat_primitive(&reader, primitives::rectangle(), &to_world, flip)?,
+            "cube" => self.flat_primitive(&reader, primitives::cube(), &to_world, flip)?,
+            "sphere" => sphere(&reader, &to_world, flip)?,
+            "disk" => disk(&reader, to_world, flip)?,
+            "obj" | "ply" | "serialized" => self.mesh(&reader, &to_world, flip)?,
+            other if ELSEWHERE.contains(&other) => {
+                let instead = format!("there are: {}", SUPPORTED.join(", "));
+                return Err(reader.unsupported(format!("type `{other}`"), instead));
+            }
+            _ => return Err(reader.unknown_type(&SUPPORTED)),
+        };
+        let material = match reader.only_child(Kind::Bsdf)? {
+            Some(bsdf) => self.material(bsdf.target)?,
+            None => self.default_material(),
+        };
+        let emitter = reader.only_child(Kind::Emitter)?;
+        reader.finish()?;
+        let shape = self.add_shape(shape, material);
+        if let Some(emitter) = emitter {
+            let light = self.reader(emitter.target);
+            if light.object.plugin != "area" {
+                let reason = "the emitter of a shape must have type `area`";
+                return Err(SceneError::value(&emitter.place, reader.context(), reason));
+            }
+            let radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
+            super::light::check_sampling_weight(&light)?;
+            light.finish()?;
+            self.used_area_lights.insert(emitter.target);
+            let light = self.add_light(Light::Area { shape, radiance });
+            self.bindings[shape.0 as usize].light = Some(light);
+        }
+        Ok(())
+    }
+
+    fn flat_primitive(
+        &mut self,
+        reader: &Reader,
+        raw: RawMesh,
+        to_world: &Transform,
+        flip: bool,
+    ) -> Result<Shape, SceneError> {
+        let mut mesh = mesh::finish(raw, to_world, false, flip).map_err(|reason| reader.wrong("to_world", reason))?;
+        // The corners' normals have told the outer side; within a face they are all the same.
+        mesh.normals.clear();
+        self.count_triangles(mesh.triangles.len());
+        Ok(Shape::Mesh(mesh))
+    }
+
+    fn count_triangles(&mut self, count: usize) {
+        self.triangles += count as u64;
+    }
+
+    fn mesh(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
+        let plugin = reader.object.plugin.as_str();
+        let mut face_normals = reader.boolean("face_normals", false)?;
+        let flip_v = reader.boolean("flip_tex_coords", plugin == "obj")?;
+        if reader.property("max_smooth_angle").is_some() {
+            let reason = "it is not supported; give the file normals, or set `face_normals`";
+            return Err(reader.wrong("max_smooth_angle", reason));
+        }
+        let index = match plugin {
+            "serialized" => reader.integer("shape_index", 0..=i64::from(u32::MAX - 1))?.unwrap_or(0),
+            _ => 0,
+        };
+        let file = self.file(reader)?;
+        let source = MeshFile::new(&file, self.loader.limits, self.triangles);
+        let raw = match plugin {
+            "obj" => source.obj(flip_v)?,
+            "ply" => source.ply(flip_v)?,
+            _ => {
+                let (raw, flat) = source.serialized(index as u32, flip_v)?;
+                face_normals |= flat;
+                raw
+            }
+        };
+        let broken = |reason| SceneError::data(&source.place, format!("{reason} (used at {})", reader.place()));
+        let mesh = mesh::finish(raw, to_world, face_normals, flip).map_err(broken)?;
+        self.count_triangles(mesh.triangles.len());
+        Ok(Shape::Mesh(mesh))
+    }
+}
+
+fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
+    let center = reader.vector("center")?.unwrap_or(DVec3::ZERO);
+    let radius = reader.float_or("radius", POSITIVE, 1.0)?;
+    let unit_to_world = DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(radius));
+    let unit_to_world = Transform::from_matrix(unit_to_world).map(|placed| to_world.after(&placed));
+    let placed = unit_to_world.ok_or_else(|| reader.wrong("radius", "the sphere is too small or too large"))?;
+    let scale = uniform_scale(&placed).ok_or_else(|| {
+        reader.wrong(
+            "to_world",
+            "a sphere can be scaled by the same factor in all directions only",
+        )
+    })?;
+    let (center, radius) = (placed.point(Vec3::ZERO), scale as f32);
+    check_extent(reader, center, radius)?;
+    let flip_normals = flip != placed.flips_handedness();
+    Ok(Shape::Sphere {
+        center,
+        radius,
+        to_local: placed.inverted(),
+        flip_normals,
+    })
+}
+
+fn disk(reader: &Reader, to_world: Transform, flip: bool) -> Result<Shape, SceneError> {
+    let reach = to_world.vector(Vec3::X).length().max(to_world.vector(Vec3::Y).length());
+    check_extent(reader, to_world.point(Vec3::ZERO), reach)?;
+    Ok(Shape::Disk {
+        to_world,
+        flip_normals: flip,
+    })
+}
+
+fn check_extent(reader: &Reader, center: Vec3, reach: f32) -> Result<(), SceneError> {
+    let largest = center.abs().max_element() + reach;
+    let smallest = 1e-12;
+    if !(largest <= mesh::LARGEST_COORDINATE && reach >= smallest) {
+        let limit = mesh::LARGEST_COORDINATE;
+        let reason = format!("the shape of radius {reach} about {center} is too small or reaches beyond {limit:e}");
+        return Err(reader.wrong("to_world", reason));
+    }
+    Ok(())
+}

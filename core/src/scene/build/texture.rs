@@ -1,0 +1,166 @@
+//! Colours and textures.
+
+use super::Builder;
+use crate::math::Vec2;
+use crate::scene::description::{Kind, ObjectId};
+use crate::scene::error::SceneError;
+use crate::scene::image;
+use crate::scene::reader::{ANY, Colour, Reader};
+use crate::scene::spectrum::{Use, to_rgb};
+use crate::spectrum::Spectrum;
+use crate::texture::{Bitmap, Texture, TextureFilter, UvTransform, WrapMode};
+use glam::DMat4;
+use std::sync::Arc;
+
+/// A decoded image with how it is read; images that agree in all are kept once.
+pub(super) type BitmapKey = (String, bool, u8, u8);
+
+/// What a texture is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Role {
+    pub(super) used: Use,
+}
+
+impl Role {
+    pub(super) const REFLECTANCE: Self = Self { used: Use::Reflectance };
+    pub(super) const EMISSION: Self = Self { used: Use::Emission };
+}
+
+impl Builder<'_, '_> {
+    /// The property or nested texture `name` of an object, or the same `default` everywhere.
+    pub(super) fn colour_or_texture(
+        &mut self,
+        reader: &Reader,
+        name: &str,
+        role: Role,
+        default: f32,
+    ) -> Result<Texture, SceneError> {
+        if let Some(child) = reader.named_child(name, Kind::Texture)? {
+            return self.texture(child.target, role);
+        }
+        Ok(Texture::Constant(
+            colour(reader, name, role.used)?.unwrap_or(Spectrum::splat(default)),
+        ))
+    }
+
+    pub(super) fn texture(&mut self, object: ObjectId, role: Role) -> Result<Texture, SceneError> {
+        let reader = self.reader(object);
+        let texture = match reader.object.plugin.as_str() {
+            "bitmap" => {
+                let to_uv = uv_transform(&reader)?;
+                Texture::Bitmap(self.bitmap(&reader, role)?, to_uv)
+            }
+            "checkerboard" => Texture::Checkerboard {
+                even: colour(&reader, "color0", role.used)?.unwrap_or(Spectrum::splat(0.4)),
+                odd: colour(&reader, "color1", role.used)?.unwrap_or(Spectrum::splat(0.2)),
+                to_uv: uv_transform(&reader)?,
+            },
+            _ => return Err(reader.unknown_type(&["bitmap", "checkerboard"])),
+        };
+        reader.finish()?;
+        Ok(texture)
+    }
+
+    fn bitmap(&mut self, reader: &Reader, role: Role) -> Result<Arc<Bitmap>, SceneError> {
+        let raw = reader.boolean("raw", false)?;
+        let wraps = [
+            ("repeat", WrapMode::Repeat),
+            ("mirror", WrapMode::Mirror),
+            ("clamp", WrapMode::Clamp),
+        ];
+        let wrap = reader.choice("wrap_mode", &wraps, WrapMode::Repeat)?;
+        let filters = [
+            ("bilinear", TextureFilter::Bilinear),
+            ("nearest", TextureFilter::Nearest),
+        ];
+        let filter = reader.choice("filter_type", &filters, TextureFilter::Bilinear)?;
+        let bitmap = self.bitmap_file(reader, raw, wrap, filter)?;
+        let brightest = bitmap
+            .texels
+            .iter()
+            .map(|texel| texel.max_component())
+            .fold(0.0, f32::max);
+        if role.used == Use::Reflectance && brightest > 1.0 {
+            let reason = format!("a texel is {brightest}; reflectances are at most 1");
+            return Err(reader.wrong("filename", reason));
+        }
+        Ok(bitmap)
+    }
+
+    /// The image that `filename` names.
+    pub(super) fn bitmap_file(
+        &mut self,
+        reader: &Reader,
+        raw: bool,
+        wrap: WrapMode,
+        filter: TextureFilter,
+    ) -> Result<Arc<Bitmap>, SceneError> {
+        let file = self.file(reader)?;
+        let key = (file.name.clone(), raw, wrap as u8, filter as u8);
+        if let Some(bitmap) = self.bitmaps.get(&key) {
+            return Ok(bitmap.clone());
+        }
+        let left = self.loader.limits.texels.saturating_sub(self.texels);
+        let image = image::read(&file, raw, left)?;
+        self.texels += image.texels.len() as u64;
+        let (width, height, texels) = (image.width, image.height, image.texels);
+        let bitmap = Arc::new(Bitmap {
+            width,
+            height,
+            texels,
+            wrap,
+            filter,
+        });
+        self.bitmaps.insert(key, bitmap.clone());
+        Ok(bitmap)
+    }
+}
+
+/// The property `name` as a colour.
+pub(super) fn colour(reader: &Reader, name: &str, used: Use) -> Result<Option<Spectrum>, SceneError> {
+    let Some(colour) = reader.colour(name)? else {
+        return Ok(None);
+    };
+    to_rgb(&colour, used)
+        .map(Some)
+        .map_err(|reason| reader.wrong(name, reason))
+}
+
+/// The property `name` as a colour that must not be black, or the same `default` in every channel.
+pub(super) fn light_colour(reader: &Reader, name: &str, default: f64) -> Result<Spectrum, SceneError> {
+    let colour = reader.colour(name)?.unwrap_or(Colour::Number(default));
+    to_rgb(&colour, Use::Emission).map_err(|reason| reader.wrong(name, reason))
+}
+
+/// The first two rows of `to_uv`, or the scale and offset of the 0.x dialect.
+fn uv_transform(reader: &Reader) -> Result<UvTransform, SceneError> {
+    let scale = ["uscale", "vscale"].map(|name| reader.float(name, ANY));
+    let offset = ["uoffset", "voffset"].map(|name| reader.float(name, ANY));
+    let ([u_scale, v_scale], [u_offset, v_offset]) = (scale, offset);
+    let (scale, offset) = ([u_scale?, v_scale?], [u_offset?, v_offset?]);
+    let old = scale.iter().chain(&offset).any(Option::is_some);
+    let matrix = match reader.transform("to_uv")? {
+        Some(_) if old => return Err(reader.wrong("to_uv", "it cannot be combined with uscale, voffset and the like")),
+        Some(transform) => transform.matrix(),
+        None => {
+            let scale = glam::DVec3::new(scale[0].unwrap_or(1.0), scale[1].unwrap_or(1.0), 1.0);
+            let offset = glam::DVec3::new(offset[0].unwrap_or(0.0), offset[1].unwrap_or(0.0), 0.0);
+            DMat4::from_scale(scale) * DMat4::from_translation(offset)
+        }
+    };
+    let row = |i: usize| matrix.row(i).as_vec4();
+    let transform = UvTransform {
+        linear: [Vec2::new(row(0).x, row(0).y), Vec2::new(row(1).x, row(1).y)],
+        offset: Vec2::new(row(0).w, row(1).w),
+    };
+    let finite = transform
+        .linear
+        .iter()
+        .chain([&transform.offset])
+        .all(|v| v.is_finite());
+    if finite {
+        Ok(transform)
+    } else {
+        Err(reader.wrong("to_uv", "it is out of the range of single precision"))
+    }
+}

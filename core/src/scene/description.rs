@@ -1,0 +1,122 @@
+//! The scene as written: untrusted, only checked for its form.
+
+use super::error::Place;
+use crate::math::Transform;
+use glam::DVec3;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A scene file with all that it includes. Object 0 is the `<scene>`.
+#[derive(Debug)]
+pub(crate) struct Description {
+    pub(crate) objects: Vec<Object>,
+}
+
+/// Index into [`Description::objects`].
+pub(crate) type ObjectId = usize;
+
+/// An element that stands for a plugin: `<bsdf type="diffuse">`.
+#[derive(Debug)]
+pub(crate) struct Object {
+    pub(crate) kind: Kind,
+    /// The `type` attribute; empty for `<scene>`.
+    pub(crate) plugin: String,
+    pub(crate) place: Place,
+    /// Folders in which file names are looked for, in order.
+    pub(crate) search: Arc<[String]>,
+    /// Values by normalised name.
+    pub(crate) properties: BTreeMap<String, Property>,
+    pub(crate) children: Vec<Child>,
+}
+
+/// A value with its place.
+#[derive(Debug)]
+pub(crate) struct Property {
+    pub(crate) value: Value,
+    pub(crate) place: Place,
+}
+
+/// A nested or referenced object.
+#[derive(Debug)]
+pub(crate) struct Child {
+    /// The `name` attribute, which says what a texture is for.
+    pub(crate) name: Option<String>,
+    pub(crate) place: Place,
+    pub(crate) target: ObjectId,
+}
+
+/// What an object is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Scene,
+    Integrator,
+    Sensor,
+    Film,
+    Sampler,
+    Filter,
+    Shape,
+    Bsdf,
+    Emitter,
+    Texture,
+}
+
+impl Kind {
+    /// Element names, in the order of messages.
+    pub(crate) const ELEMENTS: [(&'static str, Kind); 10] = [
+        ("scene", Kind::Scene),
+        ("integrator", Kind::Integrator),
+        ("sensor", Kind::Sensor),
+        ("film", Kind::Film),
+        ("sampler", Kind::Sampler),
+        ("rfilter", Kind::Filter),
+        ("shape", Kind::Shape),
+        ("bsdf", Kind::Bsdf),
+        ("emitter", Kind::Emitter),
+        ("texture", Kind::Texture),
+    ];
+
+    pub(crate) fn element(self) -> &'static str {
+        Self::ELEMENTS
+            .iter()
+            .find(|(_, kind)| *kind == self)
+            .map_or("", |(name, _)| name)
+    }
+}
+
+/// A typed value. Numbers are finite.
+#[derive(Debug)]
+pub(crate) enum Value {
+    Float(f64),
+    Integer(i64),
+    Boolean(bool),
+    String(String),
+    /// A point or a vector.
+    Vector(DVec3),
+    Rgb([f64; 3]),
+    Spectrum(SpectrumValue),
+    Transform(Transform),
+}
+
+impl Value {
+    pub(crate) fn type_name(&self) -> &'static str {
+        match self {
+            Self::Float(_) => "float",
+            Self::Integer(_) => "integer",
+            Self::Boolean(_) => "boolean",
+            Self::String(_) => "string",
+            Self::Vector(_) => "point or vector",
+            Self::Rgb(_) => "rgb",
+            Self::Spectrum(_) => "spectrum",
+            Self::Transform(_) => "transform",
+        }
+    }
+}
+
+/// A `<spectrum>`.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum SpectrumValue {
+    /// The same at every wavelength.
+    Uniform(f64),
+    /// Piecewise linear; wavelengths [nm] rise strictly, and there are at least two.
+    Sampled(Vec<(f64, f64)>),
+}

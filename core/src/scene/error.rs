@@ -1,0 +1,234 @@
+//! What can be wrong with a scene, and where.
+
+use std::fmt;
+use std::sync::Arc;
+use thiserror::Error;
+
+/// A place in a scene's files, for messages.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Name of the file within the scene.
+    pub file: Arc<str>,
+    /// Line, counted from 1; 0 where the whole file is meant.
+    pub line: u32,
+}
+
+impl Place {
+    /// The file as a whole.
+    #[must_use]
+    pub fn whole(file: &str) -> Self {
+        Self {
+            file: file.into(),
+            line: 0,
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            0 => write!(f, "{}", self.file),
+            line => write!(f, "{}:{line}", self.file),
+        }
+    }
+}
+
+/// Why a scene cannot be loaded. Every message starts with the place, `file:line`.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SceneError {
+    /// A file name that the scene may not use: absolute, a URL, or out of the scene's folder.
+    #[error("{place}: file name `{name}`: {reason}")]
+    FileName {
+        /// Where.
+        place: Place,
+        /// The name.
+        name: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// A file that is not there.
+    #[error("{place}: file `{name}` was not found; it was looked for as {tried}")]
+    NotFound {
+        /// Where.
+        place: Place,
+        /// The name.
+        name: String,
+        /// The names that were tried.
+        tried: String,
+    },
+    /// A file that could not be read.
+    #[error("{place}: file `{name}` could not be read: {reason}")]
+    Read {
+        /// Where.
+        place: Place,
+        /// The name.
+        name: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// More than the limits allow.
+    #[error("{place}: {what}: {value} is over the limit of {limit}")]
+    Limit {
+        /// Where.
+        place: Place,
+        /// What it is.
+        what: String,
+        /// How much there is.
+        value: u64,
+        /// How much is allowed.
+        limit: u64,
+    },
+    /// Not well-formed XML.
+    #[error("{place}: not well-formed XML: {reason}")]
+    Xml {
+        /// Where.
+        place: Place,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// An element, attribute, property, plugin or parameter that does not exist.
+    #[error("{place}: {context}: unknown {what} `{name}`; allowed: {allowed}")]
+    Unknown {
+        /// Where.
+        place: Place,
+        /// The element that it belongs to.
+        context: String,
+        /// What it is.
+        what: &'static str,
+        /// The name.
+        name: String,
+        /// What exists.
+        allowed: String,
+    },
+    /// Something that must be there is not.
+    #[error("{place}: {context}: {what} is missing")]
+    Missing {
+        /// Where.
+        place: Place,
+        /// The element that it belongs to.
+        context: String,
+        /// What it is.
+        what: String,
+    },
+    /// A value of the wrong form, type or range.
+    #[error("{place}: {field}: {reason}")]
+    Value {
+        /// Where.
+        place: Place,
+        /// The element and its attribute or property.
+        field: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// An id that is used twice, is used and nowhere defined, or refers to itself.
+    #[error("{place}: id `{id}`: {reason}")]
+    Reference {
+        /// Where.
+        place: Place,
+        /// The id.
+        id: String,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// A file that includes itself.
+    #[error("{place}: <include>: the files include each other in a cycle: {chain}")]
+    IncludeCycle {
+        /// Where.
+        place: Place,
+        /// The files, outermost first.
+        chain: String,
+    },
+    /// A broken mesh, image or spectrum file.
+    #[error("{place}: {reason}")]
+    Data {
+        /// Where.
+        place: Place,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// Something that Mitsuba has and this renderer has not.
+    #[error("{place}: {context}: {what} is not supported; {instead}")]
+    Unsupported {
+        /// Where.
+        place: Place,
+        /// The element that it belongs to.
+        context: String,
+        /// What it is.
+        what: String,
+        /// What there is instead.
+        instead: String,
+    },
+}
+
+impl SceneError {
+    /// Where it is wrong.
+    #[must_use]
+    pub fn place(&self) -> &Place {
+        match self {
+            Self::FileName { place, .. }
+            | Self::NotFound { place, .. }
+            | Self::Read { place, .. }
+            | Self::Limit { place, .. }
+            | Self::Xml { place, .. }
+            | Self::Unknown { place, .. }
+            | Self::Missing { place, .. }
+            | Self::Value { place, .. }
+            | Self::Reference { place, .. }
+            | Self::IncludeCycle { place, .. }
+            | Self::Data { place, .. }
+            | Self::Unsupported { place, .. } => place,
+        }
+    }
+
+    /// The file in which it is wrong.
+    #[must_use]
+    pub fn file(&self) -> &str {
+        &self.place().file
+    }
+
+    /// The line, counted from 1, where the file has lines.
+    #[must_use]
+    pub fn line(&self) -> Option<u32> {
+        Some(self.place().line).filter(|line| *line > 0)
+    }
+
+    pub(crate) fn value(place: &Place, field: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self::Value {
+            place: place.clone(),
+            field: field.into(),
+            reason: reason.into(),
+        }
+    }
+
+    pub(crate) fn data(place: &Place, reason: impl Into<String>) -> Self {
+        Self::Data {
+            place: place.clone(),
+            reason: reason.into(),
+        }
+    }
+
+    /// The same error reported at `place`, for errors of a reader that knows only the file's name.
+    pub(crate) fn at(mut self, place: &Place) -> Self {
+        match &mut self {
+            Self::FileName { place: old, .. }
+            | Self::NotFound { place: old, .. }
+            | Self::Read { place: old, .. }
+            | Self::Limit { place: old, .. } => *old = place.clone(),
+            _ => {}
+        }
+        self
+    }
+}
+
+/// `value` if it is at most `limit`, and otherwise the error that names both.
+pub(crate) fn within(place: &Place, what: &str, value: u64, limit: u64) -> Result<u64, SceneError> {
+    if value > limit {
+        return Err(SceneError::Limit {
+            place: place.clone(),
+            what: what.into(),
+            value,
+            limit,
+        });
+    }
+    Ok(value)
+}

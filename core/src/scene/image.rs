@@ -1,0 +1,264 @@
+//! Images: PNG, JPEG, BMP, TGA and Radiance HDR by the `image` crate, OpenEXR by `exr`, all into linear colour.
+
+use super::error::{Place, SceneError, within};
+use super::loader::LoadedFile;
+use crate::math::pow;
+use crate::spectrum::Spectrum;
+use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use std::io::Cursor;
+
+/// The most channels that an OpenEXR layer may have.
+const CHANNELS: usize = 64;
+
+/// Pixels in linear colour, row by row from the top left. All are finite and none is negative.
+#[derive(Debug)]
+pub(crate) struct LinearImage {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) texels: Vec<Spectrum>,
+}
+
+/// Decodes an image of at most `texel_limit` texels. `raw`: 8- and 16-bit values are linear already, not sRGB.
+pub(crate) fn read(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage, SceneError> {
+    let place = Place::whole(&file.name);
+    let check_size = |width: u64, height: u64| {
+        if width == 0 || height == 0 {
+            return Err(SceneError::data(&place, "the image has no pixels"));
+        }
+        within(&place, "number of texels", width.saturating_mul(height), texel_limit).map(|_| ())
+    };
+    let image = if file.bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
+        read_exr(file, &place, check_size)?
+    } else {
+        read_other(file, &place, raw, texel_limit, check_size)?
+    };
+    if let Some(index) = image.texels.iter().position(|texel| !texel.is_valid()) {
+        let (x, y) = (index % image.width, index / image.width);
+        let rgb = image.texels[index].to_rgb();
+        let reason = format!("texel ({x}, {y}) is {rgb:?}: colours are finite and not negative");
+        return Err(SceneError::data(&place, reason));
+    }
+    Ok(image)
+}
+
+fn read_other(
+    file: &LoadedFile,
+    place: &Place,
+    raw: bool,
+    texel_limit: u64,
+    check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
+) -> Result<LinearImage, SceneError> {
+    let formats = "allowed: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR";
+    let format = image::guess_format(&file.bytes).ok().or_else(|| {
+        file.name
+            .to_ascii_lowercase()
+            .ends_with(".tga")
+            .then_some(ImageFormat::Tga)
+    });
+    let format = format
+        .filter(|format| format.reading_enabled())
+        .ok_or_else(|| SceneError::data(place, format!("not an image of a known format; {formats}")))?;
+    let broken = |error: image::ImageError| SceneError::data(place, format!("broken {format:?} image: {error}"));
+    let mut reader = ImageReader::with_format(Cursor::new(&file.bytes[..]), format);
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(texel_limit.saturating_mul(16).max(1 << 20));
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(broken)?;
+    let (width, height) = decoder.dimensions();
+    check_size(u64::from(width), u64::from(height))?;
+    let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    let from = |rgb: [f32; 3]| Spectrum::from_rgb(rgb);
+    let texels: Vec<Spectrum> = match decoded {
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
+            decoded.to_rgb32f().pixels().map(|pixel| from(pixel.0)).collect()
+        }
+        DynamicImage::ImageLuma16(_)
+        | DynamicImage::ImageLumaA16(_)
+        | DynamicImage::ImageRgb16(_)
+        | DynamicImage::ImageRgba16(_) => {
+            let table = linear_steps(u16::MAX, raw);
+            decoded
+                .to_rgb16()
+                .pixels()
+                .map(|pixel| from(pixel.0.map(|c| table[usize::from(c)])))
+                .collect()
+        }
+        _ => {
+            let table = linear_steps(u16::from(u8::MAX), raw);
+            decoded
+                .to_rgb8()
+                .pixels()
+                .map(|pixel| from(pixel.0.map(|c| table[usize::from(c)])))
+                .collect()
+        }
+    };
+    Ok(LinearImage { width, height, texels })
+}
+
+/// The linear value of each integer step up to `largest`.
+fn linear_steps(largest: u16, raw: bool) -> Vec<f32> {
+    let share = |step: u16| f32::from(step) / f32::from(largest);
+    (0..=largest)
+        .map(|step| if raw { share(step) } else { srgb_to_linear(share(step)) })
+        .collect()
+}
+
+/// The transfer function of sRGB (IEC 61966-2-1), from encoded to linear.
+pub(crate) fn srgb_to_linear(encoded: f32) -> f32 {
+    if encoded <= 0.04045 {
+        encoded / 12.92
+    } else {
+        pow((encoded + 0.055) / 1.055, 2.4)
+    }
+}
+
+fn read_exr(
+    file: &LoadedFile,
+    place: &Place,
+    check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
+) -> Result<LinearImage, SceneError> {
+    let broken = |error: exr::error::Error| SceneError::data(place, format!("broken OpenEXR image: {error}"));
+    let headers = exr::meta::MetaData::read_from_buffered(Cursor::new(&file.bytes[..]), false)
+        .map_err(broken)?
+        .headers;
+    for header in &headers {
+        check_size(header.layer_size.width() as u64, header.layer_size.height() as u64)?;
+        within(
+            place,
+            "number of channels",
+            header.channels.list.len() as u64,
+            CHANNELS as u64,
+        )?;
+        if header
+            .channels
+            .list
+            .iter()
+            .any(|channel| channel.sampling != exr::math::Vec2(1, 1))
+        {
+            return Err(SceneError::data(place, "subsampled OpenEXR channels are not supported"));
+        }
+    }
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(&file.bytes[..]))
+        .map_err(broken)?;
+    let layer = image.layer_data;
+    let (width, height) = (layer.size.width(), layer.size.height());
+    check_size(width as u64, height as u64)?;
+    let channel = |name: &str| {
+        let found = layer.channel_data.list.iter().find(|channel| channel.name.eq(name));
+        found
+            .map(|channel| values(&channel.sample_data))
+            .filter(|values| values.len() == width * height)
+    };
+    let channels = match (channel("R"), channel("G"), channel("B"), channel("Y")) {
+        (Some(r), Some(g), Some(b), _) => [r, g, b],
+        (_, _, _, Some(y)) => [y.clone(), y.clone(), y],
+        _ => {
+            return Err(SceneError::data(
+                place,
+                "the OpenEXR image has neither channels R, G and B nor Y",
+            ));
+        }
+    };
+    let [r, g, b] = channels;
+    let texels = r
+        .iter()
+        .zip(&g)
+        .zip(&b)
+        .map(|((r, g), b)| Spectrum::from_rgb([*r, *g, *b]))
+        .collect();
+    Ok(LinearImage { width, height, texels })
+}
+
+fn values(samples: &FlatSamples) -> Vec<f32> {
+    match samples {
+        FlatSamples::F16(values) => values.iter().map(|value| value.to_f32()).collect(),
+        FlatSamples::F32(values) => values.clone(),
+        FlatSamples::U32(values) => values.iter().map(|value| *value as f32).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(name: &str, bytes: &[u8]) -> LoadedFile {
+        LoadedFile {
+            name: name.into(),
+            bytes: bytes.into(),
+        }
+    }
+
+    fn encoded(format: ImageFormat, image: &DynamicImage) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn eight_bit_images_are_decoded_from_srgb_unless_raw() {
+        let mut image = image::RgbImage::new(2, 1);
+        image.put_pixel(1, 0, image::Rgb([255, 188, 51]));
+        let image = DynamicImage::ImageRgb8(image);
+        for (format, name) in [
+            (ImageFormat::Png, "a.png"),
+            (ImageFormat::Bmp, "a.bmp"),
+            (ImageFormat::Tga, "a.tga"),
+        ] {
+            let file = file(name, &encoded(format, &image));
+            let [r, g, b] = read(&file, false, 100).unwrap().texels[1].to_rgb();
+            assert!(
+                (r - 1.0).abs() < 1e-6 && (g - 0.502_886).abs() < 1e-5 && (b - 0.033_105).abs() < 1e-5,
+                "{r} {g} {b}"
+            );
+            assert_eq!(
+                read(&file, true, 100).unwrap().texels[1].to_rgb(),
+                [1.0, 188.0 / 255.0, 0.2]
+            );
+        }
+    }
+
+    #[test]
+    fn exr_and_hdr_are_linear() {
+        let mut bytes = Cursor::new(Vec::new());
+        let pixels = |position: exr::math::Vec2<usize>| (position.x() as f32, position.y() as f32, 0.5_f32);
+        use exr::prelude::WritableImage;
+        exr::prelude::Image::from_channels((3, 2), exr::prelude::SpecificChannels::rgb(pixels))
+            .write()
+            .to_buffered(&mut bytes)
+            .unwrap();
+        let image = read(&file("a.exr", &bytes.into_inner()), false, 100).unwrap();
+        assert_eq!((image.width, image.height), (3, 2));
+        assert_eq!(image.texels[5].to_rgb(), [2.0, 1.0, 0.5]);
+        let hdr = DynamicImage::ImageRgb32F(image::Rgb32FImage::from_pixel(9, 1, image::Rgb([4.0, 2.0, 0.5])));
+        let image = read(&file("a.hdr", &encoded(ImageFormat::Hdr, &hdr)), false, 100).unwrap();
+        assert_eq!(image.texels[8].to_rgb(), [4.0, 2.0, 0.5]);
+    }
+
+    #[test]
+    fn size_is_checked_before_decoding() {
+        let png = encoded(ImageFormat::Png, &DynamicImage::new_rgb8(20, 20));
+        let error = read(&file("a.png", &png), false, 399).unwrap_err();
+        assert!(
+            matches!(
+                error,
+                SceneError::Limit {
+                    value: 400,
+                    limit: 399,
+                    ..
+                }
+            ),
+            "{error}"
+        );
+        let error = read(&file("a.png", b"garbage"), false, 399).unwrap_err();
+        assert!(matches!(error, SceneError::Data { .. }), "{error}");
+    }
+}

@@ -1,0 +1,175 @@
+//! From a mesh as its file gives it to triangles in the world.
+
+use super::RawMesh;
+use crate::geometry::TriangleMesh;
+use crate::math::{DVec3, Transform, Vec3};
+
+/// The largest coordinate in the world [scene units]: beyond it areas and their squares leave single precision.
+pub(crate) const LARGEST_COORDINATE: f32 = 1e9;
+
+/// Maps a mesh to the world, gives it normals, and turns its triangles' outer sides as Mitsuba has them.
+///
+/// Vertices without a normal get the mean of the adjacent triangles' normals, weighted by the angle at the vertex
+/// (Thürmer and Wüthrich 1998). Vertex normals decide which side is the outer one; without them the winding does,
+/// as it is in the world. Triangles without area are left out. Errors say what is wrong with the mesh.
+pub(crate) fn finish(
+    raw: RawMesh,
+    to_world: &Transform,
+    face_normals: bool,
+    flip_normals: bool,
+) -> Result<TriangleMesh, String> {
+    let positions: Vec<Vec3> = raw.positions.iter().map(|p| to_world.point(*p)).collect();
+    let too_far = |p: &Vec3| !p.is_finite() || p.abs().max_element() > LARGEST_COORDINATE;
+    if let Some(vertex) = positions.iter().position(too_far) {
+        let p = positions[vertex];
+        return Err(format!(
+            "vertex {vertex} lies at {p} in the world; coordinates reach to {LARGEST_COORDINATE:e}"
+        ));
+    }
+    let mut triangles = raw.triangles;
+    triangles.retain(|triangle| {
+        let area = area_vector(&positions, triangle).length_squared();
+        area >= f32::MIN_POSITIVE
+    });
+    if triangles.is_empty() {
+        return Err("the mesh has no triangle with an area".into());
+    }
+    let mut normals = Vec::new();
+    if !face_normals {
+        normals = raw.normals.iter().map(|n| to_world.normal(*n)).collect();
+        normals.resize(positions.len(), Vec3::ZERO);
+        if normals.contains(&Vec3::ZERO) {
+            let smooth = smooth_normals(&positions, &triangles);
+            for (normal, smooth) in normals.iter_mut().zip(smooth) {
+                *normal = if *normal == Vec3::ZERO { smooth } else { *normal };
+            }
+        }
+    }
+    if flip_normals {
+        normals.iter_mut().for_each(|normal| *normal = -*normal);
+    }
+    for triangle in &mut triangles {
+        let inward = match normals.is_empty() {
+            true => flip_normals,
+            false => {
+                let mean: Vec3 = triangle.iter().map(|vertex| normals[*vertex as usize]).sum();
+                mean.dot(area_vector(&positions, triangle)) < 0.0
+            }
+        };
+        if inward {
+            triangle.swap(1, 2);
+        }
+    }
+    Ok(TriangleMesh {
+        positions,
+        normals,
+        uvs: raw.uvs,
+        triangles,
+    })
+}
+
+/// The normal of a triangle, twice its area long.
+fn area_vector(positions: &[Vec3], triangle: &[u32; 3]) -> Vec3 {
+    let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
+    (b - a).cross(c - a)
+}
+
+/// Vertex normals from triangles with an area; +z where no triangle meets or the normals cancel.
+fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
+    let mut sums = vec![DVec3::ZERO; positions.len()];
+    for triangle in triangles {
+        let corners = triangle.map(|vertex| positions[vertex as usize].as_dvec3());
+        let normal = (corners[1] - corners[0])
+            .cross(corners[2] - corners[0])
+            .normalize_or(DVec3::ZERO);
+        for (i, vertex) in triangle.iter().enumerate() {
+            let (a, b) = (corners[(i + 1) % 3] - corners[i], corners[(i + 2) % 3] - corners[i]);
+            let angle = libm::atan2(a.cross(b).length(), a.dot(b));
+            sums[*vertex as usize] += normal * angle;
+        }
+    }
+    sums.iter().map(|sum| sum.normalize_or(DVec3::Z).as_vec3()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Vec2;
+    use glam::DMat4;
+
+    fn triangle(normal: Option<Vec3>) -> RawMesh {
+        RawMesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            normals: normal.map_or(Vec::new(), |normal| vec![normal; 3]),
+            uvs: vec![Vec2::ZERO; 3],
+            triangles: vec![[0, 1, 2]],
+        }
+    }
+
+    fn outer(mesh: &TriangleMesh) -> Vec3 {
+        area_vector(&mesh.positions, &mesh.triangles[0])
+    }
+
+    /// The sides are those that Mitsuba 3.9.1 reports for the same triangles (`sh_frame.n`).
+    #[test]
+    fn the_outer_side_is_that_of_mitsuba() {
+        let mirror = Transform::from_matrix(DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0))).unwrap();
+        let identity = Transform::default();
+        for (normal, to_world, face_normals, flip, z) in [
+            (None, identity, false, false, 1.0),
+            (None, identity, true, false, 1.0),
+            (None, identity, false, true, -1.0),
+            (None, identity, true, true, -1.0),
+            (None, mirror, false, false, -1.0),
+            (None, mirror, true, false, -1.0),
+            (Some(-Vec3::Z), identity, false, false, -1.0),
+            (Some(-Vec3::Z), identity, true, false, 1.0),
+            (Some(-Vec3::Z), identity, false, true, 1.0),
+            (Some(-Vec3::Z), mirror, false, false, -1.0),
+            (Some(-Vec3::Z), mirror, true, false, -1.0),
+        ] {
+            let mesh = finish(triangle(normal), &to_world, face_normals, flip).unwrap();
+            assert_eq!(outer(&mesh).z, z, "{normal:?} {face_normals} {flip}");
+            assert!(mesh.normals.is_empty() == face_normals);
+            assert!(mesh.normals.iter().all(|n| n.z == z));
+        }
+    }
+
+    #[test]
+    fn smooth_normals_are_weighted_by_angle() {
+        // A roof: the ridge's end belongs to one right angle on the left and two half ones on the right.
+        let positions = vec![Vec3::ZERO, Vec3::Y, -Vec3::X, Vec3::Z, Vec3::new(0.0, 1.0, 1.0)];
+        let triangles = vec![[0, 1, 2], [0, 3, 4], [0, 4, 1]];
+        let raw = RawMesh {
+            positions,
+            triangles,
+            ..RawMesh::default()
+        };
+        let mesh = finish(raw, &Transform::default(), false, false).unwrap();
+        let expected = (Vec3::Z - Vec3::X).normalize();
+        assert!((mesh.normals[0] - expected).length() < 1e-6, "{}", mesh.normals[0]);
+    }
+
+    #[test]
+    fn triangles_without_area_go_and_meshes_without_triangles_are_refused() {
+        let mut raw = triangle(None);
+        raw.triangles.push([0, 0, 1]);
+        raw.triangles.push([1, 1, 1]);
+        assert_eq!(
+            finish(raw.clone(), &Transform::default(), false, false)
+                .unwrap()
+                .triangles
+                .len(),
+            1
+        );
+        raw.triangles.remove(0);
+        assert!(finish(raw, &Transform::default(), false, false).is_err());
+        let mut far = triangle(None);
+        far.positions[1].x = 1e10;
+        assert!(
+            finish(far, &Transform::default(), false, false)
+                .unwrap_err()
+                .contains("vertex 1")
+        );
+    }
+}

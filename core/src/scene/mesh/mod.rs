@@ -1,0 +1,153 @@
+//! Triangle meshes: readers of OBJ, PLY and Mitsuba's `.serialized`, and what is common to them.
+//!
+//! The readers are our own. The `tobj` crate reports neither lines nor limits and keeps several meshes apart that one
+//! `<shape>` holds together; `ply-rs-bw` stores each vertex as a map of its properties. Both read untrusted counts, and
+//! Mitsuba's rules for shared vertices and polygons matter for the picture (smooth normals hang on them).
+
+mod finish;
+mod obj;
+mod ply;
+pub(crate) mod primitives;
+mod serialized;
+
+pub(crate) use finish::{LARGEST_COORDINATE, finish};
+
+use super::error::{Place, SceneError, within};
+use super::limits::Limits;
+use super::loader::LoadedFile;
+use crate::math::{Vec2, Vec3};
+
+/// A mesh in its own space, as its file gives it. All numbers are finite and all indices in range.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct RawMesh {
+    pub(crate) positions: Vec<Vec3>,
+    /// One for each position, zero where the file gives none; or empty.
+    pub(crate) normals: Vec<Vec3>,
+    /// One for each position, or empty.
+    pub(crate) uvs: Vec<Vec2>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+/// A mesh file with what it may hold.
+pub(crate) struct MeshFile<'a> {
+    pub(crate) place: Place,
+    pub(crate) bytes: &'a [u8],
+    limits: &'a Limits,
+    /// Triangles of the scene that were read before.
+    triangles_before: u64,
+}
+
+impl<'a> MeshFile<'a> {
+    pub(crate) fn new(file: &'a LoadedFile, limits: &'a Limits, triangles_before: u64) -> Self {
+        Self {
+            place: Place::whole(&file.name),
+            bytes: &file.bytes,
+            limits,
+            triangles_before,
+        }
+    }
+
+    /// An error at `line`; 0 where the format has no lines.
+    fn broken(&self, line: u32, reason: impl Into<String>) -> SceneError {
+        SceneError::data(
+            &Place {
+                line,
+                ..self.place.clone()
+            },
+            reason,
+        )
+    }
+
+    fn check_vertices(&self, count: u64) -> Result<u64, SceneError> {
+        within(&self.place, "number of vertices", count, self.limits.vertices)
+    }
+
+    fn check_triangles(&self, count: u64) -> Result<u64, SceneError> {
+        let total = count.saturating_add(self.triangles_before);
+        within(
+            &self.place,
+            "number of triangles of the scene",
+            total,
+            self.limits.triangles,
+        )
+    }
+
+    /// Reads a Wavefront OBJ file. `flip_v`: texture coordinates run downwards.
+    pub(crate) fn obj(&self, flip_v: bool) -> Result<RawMesh, SceneError> {
+        obj::read(self, flip_v)
+    }
+
+    /// Reads a PLY file.
+    pub(crate) fn ply(&self, flip_v: bool) -> Result<RawMesh, SceneError> {
+        ply::read(self, flip_v)
+    }
+
+    /// Reads mesh number `index` of a Mitsuba `.serialized` file, and whether it asks for face normals.
+    pub(crate) fn serialized(&self, index: u32, flip_v: bool) -> Result<(RawMesh, bool), SceneError> {
+        serialized::read(self, index, flip_v)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flate2::{Compression, write::ZlibEncoder};
+    use std::io::Write;
+
+    pub(super) fn with_file<T>(bytes: &[u8], read: impl Fn(&MeshFile) -> T) -> T {
+        let file = LoadedFile {
+            name: "mesh".into(),
+            bytes: bytes.into(),
+        };
+        read(&MeshFile::new(&file, &Limits::default(), 0))
+    }
+
+    pub(super) fn mesh_error(result: Result<RawMesh, SceneError>, line: u32, reason: &str) {
+        let error = result.expect_err(reason);
+        assert!(matches!(error, SceneError::Data { .. }), "{error:?}");
+        assert_eq!((error.file(), error.line().unwrap_or(0)), ("mesh", line), "{error}");
+        assert!(error.to_string().contains(reason), "{error}");
+    }
+
+    /// A file of `meshes` triangles; the second corner of mesh `i` lies at x = `i + 1`. `vertices` is the number claimed.
+    pub(super) fn serialized_file(
+        version: u16,
+        double: bool,
+        vertices: u64,
+        triangle: [u32; 3],
+        meshes: u32,
+    ) -> Vec<u8> {
+        let (mut bytes, mut offsets) = (Vec::new(), Vec::new());
+        for mesh in 0..meshes {
+            offsets.push(bytes.len() as u64);
+            bytes.extend(0x041c_u16.to_le_bytes());
+            bytes.extend(version.to_le_bytes());
+            let mut content: Vec<u8> = Vec::new();
+            content.extend((if double { 0x2000_u32 } else { 0x1000 }).to_le_bytes());
+            if version == 4 {
+                content.extend(b"name\0");
+            }
+            content.extend(vertices.to_le_bytes());
+            content.extend(1_u64.to_le_bytes());
+            for value in [0.0, 0.0, 0.0, f64::from(mesh) + 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+                if double {
+                    content.extend(value.to_le_bytes());
+                } else {
+                    content.extend((value as f32).to_le_bytes());
+                }
+            }
+            content.extend(triangle.iter().flat_map(|index| index.to_le_bytes()));
+            let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+            encoder.write_all(&content).unwrap();
+            bytes.extend(encoder.finish().unwrap());
+        }
+        for offset in offsets {
+            match version {
+                3 => bytes.extend((offset as u32).to_le_bytes()),
+                _ => bytes.extend(offset.to_le_bytes()),
+            }
+        }
+        bytes.extend(meshes.to_le_bytes());
+        bytes
+    }
+}

@@ -1,0 +1,238 @@
+//! Wavefront OBJ: `v`, `vt`, `vn` and `f`. Polygons become fans; groups, smoothing groups and materials are ignored.
+
+use super::{MeshFile, RawMesh};
+use crate::math::{Vec2, Vec3};
+use crate::scene::error::SceneError;
+use std::collections::HashMap;
+
+/// Statements that do not change the triangles.
+const IGNORED: [&str; 16] = [
+    "o",
+    "g",
+    "s",
+    "mg",
+    "usemtl",
+    "mtllib",
+    "usemap",
+    "maplib",
+    "lod",
+    "bevel",
+    "c_interp",
+    "d_interp",
+    "l",
+    "p",
+    "vp",
+    "shadow_obj",
+];
+
+/// Indices of position, texture coordinates and normal (counted from 0; `None` where left out).
+type Corner = (u32, Option<u32>, Option<u32>);
+
+#[derive(Default)]
+struct ObjReader {
+    positions: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    normals: Vec<Vec3>,
+    corners: Vec<Corner>,
+    ids: HashMap<Corner, u32>,
+    triangles: Vec<[u32; 3]>,
+}
+
+pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError> {
+    let mut reader = ObjReader::default();
+    for (index, line) in file.bytes.split(|byte| *byte == b'\n').enumerate() {
+        let number = index as u32 + 1;
+        let broken = |reason: String| file.broken(number, reason);
+        let hash = line.iter().position(|byte| *byte == b'#').unwrap_or(line.len());
+        let line = std::str::from_utf8(&line[..hash]).map_err(|_| broken("the line is not text".into()))?;
+        let mut words = line.split_ascii_whitespace();
+        let Some(keyword) = words.next() else { continue };
+        let statement = Statement { keyword, words };
+        reader.statement(statement, flip_v).map_err(broken)?;
+        if keyword == "f" {
+            file.check_triangles(reader.triangles.len() as u64)?;
+        }
+        file.check_vertices(reader.positions.len().max(reader.corners.len()) as u64)?;
+    }
+    Ok(reader.finish())
+}
+
+struct Statement<'a> {
+    keyword: &'a str,
+    words: std::str::SplitAsciiWhitespace<'a>,
+}
+
+impl Statement<'_> {
+    fn numbers<const N: usize>(&mut self) -> Result<[f32; N], String> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            let word = self
+                .words
+                .next()
+                .ok_or_else(|| format!("`{}` needs {N} numbers", self.keyword))?;
+            *number = word.parse().ok().filter(|n: &f32| n.is_finite()).ok_or_else(|| {
+                format!(
+                    "`{}`: `{}` is not a finite number",
+                    self.keyword,
+                    word.chars().take(40).collect::<String>()
+                )
+            })?;
+        }
+        Ok(numbers)
+    }
+}
+
+impl ObjReader {
+    fn statement(&mut self, mut statement: Statement, flip_v: bool) -> Result<(), String> {
+        match statement.keyword {
+            "v" => self.positions.push(Vec3::from_array(statement.numbers()?)),
+            "vn" => {
+                let normal = Vec3::from_array(statement.numbers()?);
+                self.normals
+                    .push(normal.try_normalize().ok_or("`vn`: the normal has no direction")?);
+            }
+            "vt" => {
+                let [u, v] = statement.numbers()?;
+                self.uvs.push(Vec2::new(u, if flip_v { 1.0 - v } else { v }));
+            }
+            "f" => self.face(statement.words)?,
+            other if IGNORED.contains(&other) => {}
+            other => {
+                let other: String = other.chars().take(40).collect();
+                return Err(format!(
+                    "unknown statement `{other}`; read: v, vt, vn, f; ignored: {}",
+                    IGNORED.join(", ")
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn face<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Result<(), String> {
+        let (mut first, mut last, mut count) = (0, 0, 0);
+        for word in words {
+            let id = self.corner(word)?;
+            match count {
+                0 => first = id,
+                1 => {}
+                _ => self.triangles.push([first, last, id]),
+            }
+            last = id;
+            count += 1;
+        }
+        if count < 3 {
+            Err(format!("a face has 3 corners or more, this has {count}"))
+        } else {
+            Ok(())
+        }
+    }
+
+    fn corner(&mut self, word: &str) -> Result<u32, String> {
+        let mut parts = word.split('/');
+        let position = index(parts.next(), self.positions.len(), "vertex")?.ok_or("a corner without a vertex")?;
+        let uv = index(parts.next(), self.uvs.len(), "texture coordinate")?;
+        let normal = index(parts.next(), self.normals.len(), "normal")?;
+        if parts.next().is_some() {
+            return Err("a corner has the form `v`, `v/vt`, `v//vn` or `v/vt/vn`".into());
+        }
+        let corner = (position, uv, normal);
+        let next = self.corners.len() as u32;
+        let id = *self.ids.entry(corner).or_insert(next);
+        if id == next {
+            self.corners.push(corner);
+        }
+        Ok(id)
+    }
+
+    fn finish(self) -> RawMesh {
+        let uv = |corner: &Corner| corner.1.map_or(Vec2::ZERO, |i| self.uvs[i as usize]);
+        let normal = |corner: &Corner| corner.2.map_or(Vec3::ZERO, |i| self.normals[i as usize]);
+        let has_uvs = self.corners.iter().any(|corner| corner.1.is_some());
+        let has_normals = self.corners.iter().any(|corner| corner.2.is_some());
+        RawMesh {
+            positions: self
+                .corners
+                .iter()
+                .map(|corner| self.positions[corner.0 as usize])
+                .collect(),
+            normals: if has_normals {
+                self.corners.iter().map(normal).collect()
+            } else {
+                Vec::new()
+            },
+            uvs: if has_uvs {
+                self.corners.iter().map(uv).collect()
+            } else {
+                Vec::new()
+            },
+            triangles: self.triangles,
+        }
+    }
+}
+
+/// An index counted from 1, or from the end where negative; `None` where left out.
+fn index(word: Option<&str>, count: usize, what: &str) -> Result<Option<u32>, String> {
+    let Some(word) = word.filter(|word| !word.is_empty()) else {
+        return Ok(None);
+    };
+    let number: i64 = word
+        .parse()
+        .map_err(|_| format!("{what} index `{word:.40}` is not an integer"))?;
+    let found = match number {
+        1.. => number - 1,
+        _ => (count as i64).saturating_add(number),
+    };
+    if number == 0 || found < 0 || found >= count as i64 {
+        return Err(format!(
+            "{what} index {number} is out of range: the file has {count} up to here"
+        ));
+    }
+    Ok(Some(found as u32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{mesh_error, with_file};
+    use super::*;
+
+    fn parse(text: &str) -> Result<RawMesh, SceneError> {
+        with_file(text.as_bytes(), |file| file.obj(true))
+    }
+
+    #[test]
+    fn corners_are_shared_and_polygons_become_fans() {
+        let text =
+            "v 0 0 0\nv 1 0 0\nv 1 1 0 # comment\r\nv 0 1 0\nvt 0 0\nvt 1 0.25\n\ng x\nf 1 2 3 4\nf 1/1 2/2 -2/1\n";
+        let mesh = parse(text).unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [4, 5, 6]]);
+        assert_eq!(mesh.positions[6], Vec3::new(1.0, 1.0, 0.0));
+        assert_eq!(mesh.uvs[5], Vec2::new(1.0, 0.75));
+        assert_eq!(mesh.uvs[0], Vec2::ZERO);
+        assert!(mesh.normals.is_empty());
+        let mesh = parse("v 0 0 0\nv 1 0 0\nv 1 1 0\nvn 0 0 2\nf 1//1 2//1 3\n").unwrap();
+        assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::ZERO]);
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        for (text, line, reason) in [
+            ("v 0 0\n", 1, "needs 3 numbers"),
+            ("v 0 0 nan\n", 1, "not a finite number"),
+            ("\nv 0 0 1e99\n", 2, "not a finite number"),
+            ("vn 0 0 0\n", 1, "no direction"),
+            ("v 0 0 0\nf 1 1 2\n", 2, "out of range"),
+            ("v 0 0 0\nf 1 1 0\n", 2, "out of range"),
+            ("v 0 0 0\nf 1 1 -2\n", 2, "out of range"),
+            ("v 0 0 0\nf 1 1 -9223372036854775808\n", 2, "out of range"),
+            ("v 0 0 0\nf 1/1 1 1\n", 2, "out of range"),
+            ("v 0 0 0\nf 1/1/1/1 1 1\n", 2, "out of range"),
+            ("v 0 0 0\nf 1 1\n", 2, "3 corners"),
+            ("v 0 0 0\nf /1 1 1\n", 2, "without a vertex"),
+            ("v 0 0 0\nf 1 1 99999999999999999999\n", 2, "not an integer"),
+            ("curv 0 1\n", 1, "unknown statement"),
+        ] {
+            mesh_error(parse(text), line, reason);
+        }
+        mesh_error(with_file(b"v 1 2 \xff\n", |file| file.obj(true)), 1, "not text");
+    }
+}

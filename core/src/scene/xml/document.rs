@@ -1,0 +1,94 @@
+//! One XML file: its text, and the lines of its nodes.
+
+use super::super::error::{Place, SceneError};
+use super::super::loader::LoadedFile;
+use super::values::shortened;
+use roxmltree::{Node, ParsingOptions};
+use std::sync::Arc;
+
+/// A file's text with the starts of its lines.
+pub(super) struct Document {
+    file: Arc<str>,
+    text: String,
+    line_starts: Vec<usize>,
+}
+
+impl Document {
+    pub(super) fn new(file: &LoadedFile) -> Result<Self, SceneError> {
+        let name: Arc<str> = file.name.as_str().into();
+        let text = std::str::from_utf8(&file.bytes).map_err(|error| {
+            let before = &file.bytes[..error.valid_up_to()];
+            let line = before.iter().filter(|byte| **byte == b'\n').count() as u32 + 1;
+            SceneError::Xml {
+                place: Place {
+                    file: name.clone(),
+                    line,
+                },
+                reason: "the text is not UTF-8".into(),
+            }
+        })?;
+        let line_starts = text
+            .bytes()
+            .enumerate()
+            .filter(|(_, byte)| *byte == b'\n')
+            .map(|(i, _)| i + 1)
+            .collect();
+        Ok(Self {
+            file: name,
+            text: text.to_owned(),
+            line_starts,
+        })
+    }
+
+    pub(super) fn parse(&self, nodes_limit: u32) -> Result<roxmltree::Document<'_>, SceneError> {
+        let options = ParsingOptions {
+            allow_dtd: false,
+            nodes_limit,
+            ..ParsingOptions::default()
+        };
+        roxmltree::Document::parse_with_options(&self.text, options).map_err(|error| match error {
+            roxmltree::Error::NodesLimitReached => SceneError::Limit {
+                place: Place::whole(&self.file),
+                what: "number of XML nodes".into(),
+                value: u64::from(nodes_limit) + 1,
+                limit: u64::from(nodes_limit),
+            },
+            _ => SceneError::Xml {
+                place: Place {
+                    file: self.file.clone(),
+                    line: error.pos().row,
+                },
+                reason: shortened_reason(&error.to_string()),
+            },
+        })
+    }
+
+    pub(super) fn place(&self, node: Node) -> Place {
+        let offset = node.range().start;
+        let line = self.line_starts.partition_point(|start| *start <= offset) as u32 + 1;
+        Place {
+            file: self.file.clone(),
+            line,
+        }
+    }
+
+    /// Refuses text that is not white space: the format has none.
+    pub(super) fn no_text(&self, node: Node, parent: &str) -> Result<(), SceneError> {
+        match node.text().filter(|text| node.is_text() && !text.trim().is_empty()) {
+            Some(text) => {
+                let reason = format!("text `{}` within <{parent}>", shortened(text.trim()));
+                Err(SceneError::Xml {
+                    place: self.place(node),
+                    reason,
+                })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// The parser quotes the input in some messages; keep them to a line.
+fn shortened_reason(reason: &str) -> String {
+    let end = reason.char_indices().nth(200).map_or(reason.len(), |(end, _)| end);
+    reason[..end].replace(char::is_control, " ")
+}

@@ -1,0 +1,563 @@
+//! Mitsuba's XML format: from files to a [`Description`].
+//!
+//! DTDs are refused, so there are no entities to expand; the number of nodes, the nesting depth and the length of
+//! filled-in attributes are bounded.
+
+mod document;
+mod names;
+mod parameters;
+mod transform;
+mod values;
+
+use super::description::{Child, Description, Kind, Object, ObjectId, Property, Value};
+use super::error::{Place, SceneError, within};
+use super::loader::{LoadedFile, Loader};
+use document::Document;
+use names::snake_case;
+use parameters::{FillError, Parameters};
+use roxmltree::Node;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use transform::Attributes;
+
+/// Reads the scene file `main` and what it includes.
+pub(crate) fn read(
+    loader: &mut Loader,
+    main: &str,
+    defines: &BTreeMap<String, String>,
+) -> Result<Description, SceneError> {
+    let place = Place::whole(main);
+    let file = loader.open(&place, &[String::new()], main)?;
+    let mut reader = Reader {
+        loader,
+        parameters: Parameters::new(defines),
+        objects: Vec::new(),
+        ids: BTreeMap::new(),
+        references: Vec::new(),
+        open_files: Vec::new(),
+        included: 0,
+    };
+    reader.file(&file, &place, &[], None, 1)?;
+    if let Some(name) = reader.parameters.first_unnamed() {
+        let allowed = list(reader.parameters.names().filter(|n| !defines.contains_key(*n)));
+        let (what, context) = ("parameter", "definitions".to_owned());
+        return Err(SceneError::Unknown {
+            place,
+            context,
+            what,
+            name: name.into(),
+            allowed,
+        });
+    }
+    reader.resolve()
+}
+
+struct Reader<'r, 'f> {
+    loader: &'r mut Loader<'f>,
+    parameters: Parameters,
+    objects: Vec<Object>,
+    ids: BTreeMap<String, (ObjectId, Place)>,
+    /// References by the object that holds them, the place among its children, and the id.
+    references: Vec<(ObjectId, usize, String)>,
+    /// Names of the files being read, outermost first.
+    open_files: Vec<String>,
+    included: u64,
+}
+
+/// Where an element stands.
+#[derive(Clone, Copy)]
+struct Context<'a> {
+    document: &'a Document,
+    parent: ObjectId,
+    depth: u32,
+}
+
+impl Reader<'_, '_> {
+    /// Reads a file whose elements lie `depth` deep. Without a `parent` it is the main file; else its content joins the parent's children.
+    fn file(
+        &mut self,
+        file: &LoadedFile,
+        place: &Place,
+        search: &[String],
+        parent: Option<ObjectId>,
+        depth: u32,
+    ) -> Result<(), SceneError> {
+        if self.open_files.contains(&file.name) {
+            let chain = list(self.open_files.iter().map(String::as_str).chain([file.name.as_str()]));
+            return Err(SceneError::IncludeCycle {
+                place: place.clone(),
+                chain,
+            });
+        }
+        self.open_files.push(file.name.clone());
+        let document = Document::new(file)?;
+        let tree = document.parse(self.limits().xml_nodes)?;
+        let root = tree.root_element();
+        let place = document.place(root);
+        let attributes = self.attributes(&document, root, &["version", "type", "id", "name"])?;
+        names::check_version(
+            &place,
+            root.tag_name().name(),
+            attributes.get("version").map(String::as_str),
+        )?;
+        let mut folders = vec![file.folder().to_owned()];
+        folders.extend(search.iter().filter(|folder| **folder != file.folder()).cloned());
+        match (root.tag_name().name(), parent) {
+            ("scene", Some(parent)) => {
+                let outer = std::mem::replace(&mut self.objects[parent].search, folders.into());
+                self.children(&document, root, parent, depth)?;
+                self.objects[parent].search = outer;
+            }
+            ("scene", None) => {
+                self.objects.push(Object {
+                    kind: Kind::Scene,
+                    plugin: String::new(),
+                    place,
+                    search: folders.into(),
+                    properties: BTreeMap::new(),
+                    children: Vec::new(),
+                });
+                self.children(&document, root, 0, depth)?;
+            }
+            (_, Some(parent)) => {
+                let outer = std::mem::replace(&mut self.objects[parent].search, folders.into());
+                self.element(
+                    Context {
+                        document: &document,
+                        parent,
+                        depth,
+                    },
+                    root,
+                )?;
+                self.objects[parent].search = outer;
+            }
+            (name, None) => return Err(unknown(&place, "scene file", "root element", name, "scene")),
+        }
+        self.open_files.pop();
+        Ok(())
+    }
+
+    fn limits(&self) -> &super::Limits {
+        self.loader.limits
+    }
+
+    fn children(&mut self, document: &Document, node: Node, parent: ObjectId, depth: u32) -> Result<(), SceneError> {
+        for child in node.children() {
+            if child.is_element() {
+                self.element(
+                    Context {
+                        document,
+                        parent,
+                        depth,
+                    },
+                    child,
+                )?;
+            } else {
+                document.no_text(child, node.tag_name().name())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn element(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let name = node.tag_name().name();
+        within(
+            &place,
+            "nesting depth of elements",
+            u64::from(context.depth),
+            u64::from(self.limits().depth),
+        )?;
+        if let Some((_, kind)) = Kind::ELEMENTS.iter().find(|(element, _)| *element == name) {
+            return self.object(context, node, *kind);
+        }
+        match name {
+            "transform" => return self.transform(context, node),
+            "default" => self.default(context, node)?,
+            "include" => self.include(context, node)?,
+            "path" => self.path(context, node)?,
+            "ref" => self.reference(context, node)?,
+            "alias" => self.alias(context, node)?,
+            _ => {
+                let value = self.value(context, node)?;
+                let name = self.attributes(context.document, node, &["name", "value", "x", "y", "z", "filename"])?;
+                self.set(
+                    context.parent,
+                    &place,
+                    name.get("name").map_or("", String::as_str),
+                    value,
+                )?;
+            }
+        }
+        self.no_children(context.document, node)
+    }
+
+    fn object(&mut self, context: Context, node: Node, kind: Kind) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        if kind == Kind::Scene {
+            let reason = "a scene cannot lie within another element".to_owned();
+            return Err(SceneError::value(&place, "<scene>", reason));
+        }
+        let is_root = node.parent().is_some_and(|parent| parent.is_root());
+        let allowed: &[&str] = if is_root {
+            &["type", "id", "name", "version"]
+        } else {
+            &["type", "id", "name"]
+        };
+        let mut attributes = self.attributes(context.document, node, allowed)?;
+        let id = self.objects.len();
+        self.objects.push(Object {
+            kind,
+            plugin: take(&mut attributes, &place, kind.element(), "type")?,
+            place: place.clone(),
+            search: self.objects[context.parent].search.clone(),
+            properties: BTreeMap::new(),
+            children: Vec::new(),
+        });
+        if let Some(name) = attributes.remove("id") {
+            self.define_id(&place, name, id)?;
+        }
+        let child = Child {
+            name: attributes.remove("name").map(|name| snake_case(&name)),
+            place,
+            target: id,
+        };
+        self.objects[context.parent].children.push(child);
+        self.children(context.document, node, id, context.depth + 1)
+    }
+
+    fn define_id(&mut self, place: &Place, id: String, object: ObjectId) -> Result<(), SceneError> {
+        if let Some((_, first)) = self.ids.get(&id) {
+            let reason = format!("it is already defined at {first}");
+            return Err(SceneError::Reference {
+                place: place.clone(),
+                id,
+                reason,
+            });
+        }
+        self.ids.insert(id, (object, place.clone()));
+        Ok(())
+    }
+
+    fn set(&mut self, parent: ObjectId, place: &Place, name: &str, value: Value) -> Result<(), SceneError> {
+        let object = &mut self.objects[parent];
+        let name = snake_case(name);
+        if object.kind == Kind::Scene {
+            let element = format!("a {} at the top level", value.type_name());
+            return Err(SceneError::value(
+                place,
+                element,
+                "it belongs inside an object such as <bsdf>",
+            ));
+        }
+        if object.properties.contains_key(&name) {
+            return Err(SceneError::value(place, format!("`{name}`"), "it is given twice"));
+        }
+        object.properties.insert(
+            name,
+            Property {
+                value,
+                place: place.clone(),
+            },
+        );
+        Ok(())
+    }
+
+    /// The value of a property's element.
+    fn value(&mut self, context: Context, node: Node) -> Result<Value, SceneError> {
+        let (document, place, element) = (context.document, context.document.place(node), node.tag_name().name());
+        if element == "point" || element == "vector" {
+            return self.vector(document, node);
+        }
+        if element == "spectrum" {
+            return self.spectrum(context, node);
+        }
+        let scalar = ["float", "integer", "boolean", "string", "rgb"];
+        if !scalar.contains(&element) {
+            return Err(names::unknown_element(&place, element));
+        }
+        let mut attributes = self.attributes(document, node, &["name", "value"])?;
+        let name = take(&mut attributes, &place, element, "name")?;
+        let text = take(&mut attributes, &place, element, "value")?;
+        let value = match element {
+            "float" => values::float(&text).map(Value::Float),
+            "integer" => values::integer(&text).map(Value::Integer),
+            "boolean" => values::boolean(&text).map(Value::Boolean),
+            "rgb" => values::rgb(&text).map(Value::Rgb),
+            _ => Ok(Value::String(text)),
+        };
+        value.map_err(|reason| SceneError::value(&place, format!("<{element} name=\"{name}\"> value"), reason))
+    }
+
+    fn vector(&mut self, document: &Document, node: Node) -> Result<Value, SceneError> {
+        let (place, element) = (document.place(node), node.tag_name().name());
+        let mut attributes = self.attributes(document, node, &["name", "value", "x", "y", "z"])?;
+        let name = take(&mut attributes, &place, element, "name")?;
+        let text = if attributes.contains_key("value") {
+            let text = take(&mut attributes, &place, element, "value")?;
+            if let Some(extra) = attributes.keys().next() {
+                let field = format!("<{element} name=\"{name}\"> {extra}");
+                return Err(SceneError::value(&place, field, "it cannot be combined with `value`"));
+            }
+            text
+        } else {
+            let axes = ["x", "y", "z"].map(|axis| take(&mut attributes, &place, element, axis));
+            axes.into_iter().collect::<Result<Vec<_>, _>>()?.join(" ")
+        };
+        let vector = values::vector(&text);
+        let field = || format!("<{element} name=\"{name}\"> value");
+        vector
+            .map(Value::Vector)
+            .map_err(|reason| SceneError::value(&place, field(), reason))
+    }
+
+    fn spectrum(&mut self, context: Context, node: Node) -> Result<Value, SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["name", "value", "filename"])?;
+        let name = take(&mut attributes, &place, "spectrum", "name")?;
+        match (attributes.get("value"), attributes.get("filename")) {
+            (Some(text), None) => {
+                let field = || format!("<spectrum name=\"{name}\"> value");
+                let spectrum = values::spectrum(text);
+                spectrum
+                    .map(Value::Spectrum)
+                    .map_err(|reason| SceneError::value(&place, field(), reason))
+            }
+            (None, Some(filename)) => {
+                let search = self.objects[context.parent].search.clone();
+                let file = self.loader.open(&place, &search, filename)?;
+                let spectrum = values::spectrum_file(&file.bytes);
+                spectrum.map(Value::Spectrum).map_err(|(line, reason)| {
+                    SceneError::data(
+                        &Place {
+                            file: file.name.as_str().into(),
+                            line,
+                        },
+                        reason,
+                    )
+                })
+            }
+            _ => {
+                let field = format!("<spectrum name=\"{name}\">");
+                Err(SceneError::value(
+                    &place,
+                    field,
+                    "it needs either `value` or `filename`",
+                ))
+            }
+        }
+    }
+
+    fn transform(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["name"])?;
+        let name = take(&mut attributes, &place, "transform", "name")?;
+        let mut total = transform::identity();
+        for child in node.children() {
+            if !child.is_element() {
+                context.document.no_text(child, "transform")?;
+                continue;
+            }
+            let (place, element) = (context.document.place(child), names::operation(child.tag_name().name()));
+            let Some((_, allowed)) = transform::OPERATIONS.iter().find(|(name, _)| *name == element) else {
+                let allowed = list(transform::OPERATIONS.iter().map(|(name, _)| *name));
+                return Err(unknown(&place, "<transform>", "element", element, &allowed));
+            };
+            let attributes = self.attributes(context.document, child, allowed)?;
+            self.no_children(context.document, child)?;
+            let wrong = |(attribute, reason): (&str, String)| {
+                SceneError::value(&place, format!("<{element}> {attribute}"), reason)
+            };
+            let operation = transform::operation(element, &attributes).map_err(wrong)?;
+            let reason = "the transforms up to here have no finite inverse".to_owned();
+            total = transform::checked(&operation.after(&total)).ok_or_else(|| wrong(("", reason)))?;
+        }
+        self.set(context.parent, &place, &name, Value::Transform(total))
+    }
+
+    fn default(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["name", "value"])?;
+        let name = take(&mut attributes, &place, "default", "name")?;
+        if name.is_empty() {
+            return Err(SceneError::value(&place, "<default> name", "it is empty"));
+        }
+        let value = take(&mut attributes, &place, "default", "value")?;
+        self.parameters.set_default(&name, &value);
+        Ok(())
+    }
+
+    fn include(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["filename"])?;
+        let filename = take(&mut attributes, &place, "include", "filename")?;
+        self.included += 1;
+        within(&place, "number of inclusions", self.included, self.limits().includes)?;
+        let search = self.objects[context.parent].search.clone();
+        let file = self.loader.open(&place, &search, &filename)?;
+        self.file(&file, &place, &search, Some(context.parent), context.depth + 1)
+    }
+
+    fn path(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["value"])?;
+        let value = take(&mut attributes, &place, "path", "value")?;
+        if self.objects[context.parent].kind != Kind::Scene {
+            return Err(SceneError::value(
+                &place,
+                "<path>",
+                "it is allowed directly in <scene> only",
+            ));
+        }
+        let search = self.objects[context.parent].search.clone();
+        let base = search.first().map_or("", String::as_str);
+        let joined = if base.is_empty() || value.starts_with('/') {
+            value
+        } else {
+            format!("{base}/{value}")
+        };
+        let folder = match joined.as_str() {
+            "." | "./" => String::new(),
+            _ => super::files::normalise(&joined).map_err(|error| error.at(&place))?,
+        };
+        let folders: Vec<String> = std::iter::once(folder).chain(search.iter().cloned()).collect();
+        within(
+            &place,
+            "number of search folders",
+            folders.len() as u64,
+            u64::from(self.limits().depth),
+        )?;
+        self.objects[context.parent].search = Arc::from(folders);
+        Ok(())
+    }
+
+    fn reference(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["id", "name"])?;
+        let id = take(&mut attributes, &place, "ref", "id")?;
+        let children = &mut self.objects[context.parent].children;
+        self.references.push((context.parent, children.len(), id));
+        children.push(Child {
+            name: attributes.remove("name").map(|name| snake_case(&name)),
+            place,
+            target: 0,
+        });
+        Ok(())
+    }
+
+    fn alias(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+        let place = context.document.place(node);
+        let mut attributes = self.attributes(context.document, node, &["id", "as"])?;
+        let id = take(&mut attributes, &place, "alias", "id")?;
+        let alias = take(&mut attributes, &place, "alias", "as")?;
+        let Some((object, _)) = self.ids.get(&id) else {
+            let reason = "no object above has this id".into();
+            return Err(SceneError::Reference { place, id, reason });
+        };
+        self.define_id(&place, alias, *object)
+    }
+
+    /// The attributes of an element with parameters filled in; none but `allowed`.
+    fn attributes<'a>(
+        &self,
+        document: &Document,
+        node: Node<'a, '_>,
+        allowed: &[&str],
+    ) -> Result<Attributes<'a>, SceneError> {
+        let (place, element) = (document.place(node), node.tag_name().name());
+        let mut attributes = Attributes::new();
+        for attribute in node.attributes() {
+            let name = attribute.name();
+            if !allowed.contains(&name) || attribute.namespace().is_some() {
+                return Err(unknown(
+                    &place,
+                    &format!("<{element}>"),
+                    "attribute",
+                    name,
+                    &list(allowed.iter().copied()),
+                ));
+            }
+            let limit = self.limits().attribute_bytes;
+            let filled = self
+                .parameters
+                .fill(attribute.value(), limit as usize)
+                .map_err(|error| match error {
+                    FillError::Undefined(parameter) => {
+                        let (context, allowed) = (format!("<{element}> {name}"), list(self.parameters.names()));
+                        unknown(&place, &context, "parameter", &parameter, &allowed)
+                    }
+                    FillError::TooLong => {
+                        let what = format!("<{element}> {name}: bytes of the filled-in value");
+                        SceneError::Limit {
+                            place: place.clone(),
+                            what,
+                            value: limit + 1,
+                            limit,
+                        }
+                    }
+                })?;
+            attributes.insert(name, filled);
+        }
+        Ok(attributes)
+    }
+
+    fn no_children(&self, document: &Document, node: Node) -> Result<(), SceneError> {
+        for child in node.children() {
+            if child.is_element() {
+                let context = format!("<{}>", node.tag_name().name());
+                return Err(unknown(
+                    &document.place(child),
+                    &context,
+                    "element",
+                    child.tag_name().name(),
+                    "none",
+                ));
+            }
+            document.no_text(child, node.tag_name().name())?;
+        }
+        Ok(())
+    }
+
+    fn resolve(mut self) -> Result<Description, SceneError> {
+        for (object, child, id) in self.references {
+            let place = self.objects[object].children[child].place.clone();
+            let Some((target, _)) = self.ids.get(&id) else {
+                return Err(SceneError::Reference {
+                    place,
+                    id,
+                    reason: "no object has this id".into(),
+                });
+            };
+            self.objects[object].children[child].target = *target;
+        }
+        Ok(Description { objects: self.objects })
+    }
+}
+
+fn take(attributes: &mut Attributes, place: &Place, element: &str, name: &str) -> Result<String, SceneError> {
+    attributes.remove(name).ok_or_else(|| SceneError::Missing {
+        place: place.clone(),
+        context: format!("<{element}>"),
+        what: format!("attribute `{name}`"),
+    })
+}
+
+fn unknown(place: &Place, context: &str, what: &'static str, name: &str, allowed: &str) -> SceneError {
+    let (place, context) = (place.clone(), context.to_owned());
+    SceneError::Unknown {
+        place,
+        context,
+        what,
+        name: values::shortened(name),
+        allowed: allowed.to_owned(),
+    }
+}
+
+fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let names: Vec<&str> = names.collect();
+    if names.is_empty() {
+        "none".into()
+    } else {
+        names.join(", ")
+    }
+}
