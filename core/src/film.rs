@@ -212,7 +212,7 @@ impl Node {
         Ok(self)
     }
 
-    fn add(&mut self, other: &Self) -> Result<(), FilmError> {
+    pub(crate) fn add(&mut self, other: &Self) -> Result<(), FilmError> {
         if (self.width, self.height) != (other.width, other.height) {
             return Err(FilmError::Size(format!(
                 "{} x {} and {} x {}",
@@ -256,6 +256,11 @@ impl Image {
             total.add(node)?;
             iterations += node.iterations();
         }
+        Ok(Self::from_sum(&total, iterations))
+    }
+
+    /// The average of a sum of `iterations` iterations.
+    pub(crate) fn from_sum(total: &Node, iterations: u64) -> Self {
         let n = iterations as f32;
         let pixels: Vec<Spectrum> = total
             .sum
@@ -269,13 +274,13 @@ impl Image {
                 |(p, s): (&Spectrum, &f32)| ((s / n - p.luminance() * p.luminance()).max(0.0) / (n - 1.0)).sqrt();
             pixels.iter().zip(&total.sum_of_squares).map(error).collect()
         };
-        Ok(Self {
+        Self {
             width: total.width,
             height: total.height,
             iterations,
             pixels,
             standard_error,
-        })
+        }
     }
 }
 

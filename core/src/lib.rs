@@ -21,3 +21,4 @@ pub mod sensor;
 pub mod settings;
 pub mod spectrum;
 pub mod texture;
+pub mod tree;

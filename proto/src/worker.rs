@@ -47,6 +47,8 @@ pub struct Registered {
 pub struct LeaseRequest {
     /// Who asks.
     pub worker: WorkerId,
+    /// The leases it holds. Others of this worker, granted in a reply that was lost, go back to the pool.
+    pub held: Vec<LeaseToken>,
     /// How long to wait for work [ms]; the coordinator may answer sooner.
     pub wait_ms: u64,
 }

@@ -128,7 +128,7 @@ def wine_surface(radius):
 
 def ring():
     """A bangle lying on the table: nearly flat inside, with rounded edges, and elliptic outside."""
-    radius, height, thickness = 0.5, 0.24, 0.06
+    radius, height, thickness = 0.56, 0.23, 0.06
     profile = []
     for k in range(32):
         angle = 2 * math.pi * k / 32

@@ -1,0 +1,72 @@
+//! Scenes arrive: the manifest, then the files that are missing.
+
+use super::extract::{Id, JsonBody};
+use super::{ApiError, App};
+use crate::service::ServiceError;
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use photonfarm_proto::api::BundleReply;
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::BlobHash;
+use photonfarm_proto::problem::Problem;
+use tokio_util::io::ReaderStream;
+
+/// Keeps a manifest; the reply names the files to upload.
+#[utoipa::path(
+    post, path = "/v1/bundles", request_body = BundleManifest,
+    responses((status = 200, body = BundleReply), (status = "4XX", body = Problem))
+)]
+pub(super) async fn submit(
+    State(service): State<App>,
+    JsonBody(manifest): JsonBody<BundleManifest>,
+) -> Result<Json<BundleReply>, ApiError> {
+    Ok(Json(service.submit_bundle(manifest).await?))
+}
+
+/// The manifest of a bundle.
+#[utoipa::path(
+    get, path = "/v1/bundles/{hash}", params(("hash" = BlobHash, Path)),
+    responses((status = 200, body = BundleManifest), (status = "4XX", body = Problem))
+)]
+pub(super) async fn manifest(
+    State(service): State<App>,
+    Id(hash): Id<BlobHash>,
+) -> Result<Json<BundleManifest>, ApiError> {
+    Ok(Json(service.bundle(hash).await?))
+}
+
+/// Uploads a file that a manifest names. Uploading it again changes nothing.
+#[utoipa::path(
+    put, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path)),
+    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 201), (status = 204, description = "known already"), (status = "4XX", body = Problem))
+)]
+pub(super) async fn upload(
+    State(service): State<App>,
+    Id(hash): Id<BlobHash>,
+    body: Body,
+) -> Result<StatusCode, ApiError> {
+    let new = service.put_blob(hash, body.into_data_stream()).await?;
+    Ok(if new {
+        StatusCode::CREATED
+    } else {
+        StatusCode::NO_CONTENT
+    })
+}
+
+/// The bytes of a file. The receiver verifies the hash.
+#[utoipa::path(
+    get, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path)),
+    responses((status = 200, content_type = "application/octet-stream"), (status = "4XX", body = Problem))
+)]
+pub(super) async fn download(State(service): State<App>, Id(hash): Id<BlobHash>) -> Result<Response, ApiError> {
+    let (bytes, reader) = service.stores.scenes.open(hash).await.map_err(ServiceError::from)?;
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (header::CONTENT_LENGTH, bytes.to_string()),
+    ];
+    Ok((headers, Body::from_stream(ReaderStream::new(reader))).into_response())
+}

@@ -1,0 +1,136 @@
+//! Jobs: submit, follow, cancel, look at.
+
+use super::extract::{Id, JsonBody, Params};
+use super::{ApiError, App};
+use crate::service::ImageFormat;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobPage};
+use photonfarm_proto::id::JobId;
+use photonfarm_proto::job::{JobSpec, JobStatus};
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use serde::Deserialize;
+
+/// Longest idempotency key.
+const KEY_BYTES: usize = 255;
+
+/// Submits a job. With an `Idempotency-Key`, the same request gives the same job however often it is sent.
+#[utoipa::path(
+    post, path = "/v1/jobs", request_body = JobSpec,
+    params(("Idempotency-Key" = Option<String>, Header, description = "any text of at most 255 bytes")),
+    responses(
+        (status = 201, body = JobStatus),
+        (status = 200, body = JobStatus, description = "submitted before with this key"),
+        (status = "4XX", body = Problem)
+    )
+)]
+pub(super) async fn submit(
+    State(service): State<App>,
+    headers: HeaderMap,
+    JsonBody(spec): JsonBody<JobSpec>,
+) -> Result<Response, ApiError> {
+    let key = headers
+        .get(IDEMPOTENCY_KEY)
+        .map(|value| value.to_str().map(str::to_owned));
+    let key = key
+        .transpose()
+        .ok()
+        .filter(|key| key.as_ref().is_none_or(|key| key.len() <= KEY_BYTES));
+    let bad_key = || {
+        Problem::new(
+            ErrorCode::Malformed,
+            "an idempotency key is ASCII text of at most 255 bytes",
+        )
+    };
+    let (status, new) = service.submit_job(spec, key.ok_or_else(bad_key)?).await?;
+    let location = [(header::LOCATION, format!("/v1/jobs/{}", status.id))];
+    let code = if new { StatusCode::CREATED } else { StatusCode::OK };
+    Ok((code, location, Json(status)).into_response())
+}
+
+/// Which page of jobs.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PageParams {
+    /// The `next` of the page before.
+    cursor: Option<String>,
+    /// Jobs on the page, at most 100.
+    limit: Option<u32>,
+}
+
+/// Jobs, newest first.
+#[utoipa::path(
+    get, path = "/v1/jobs", params(PageParams),
+    responses((status = 200, body = JobPage), (status = "4XX", body = Problem))
+)]
+pub(super) async fn list(
+    State(service): State<App>,
+    Params(page): Params<PageParams>,
+) -> Result<Json<JobPage>, ApiError> {
+    Ok(Json(service.list_jobs(page.cursor.as_deref(), page.limit).await?))
+}
+
+/// How far a job has come.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}", params(("id" = JobId, Path)),
+    responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
+)]
+pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobStatus>, ApiError> {
+    Ok(Json(service.status(id).await?))
+}
+
+/// Cancels a job. What has arrived stays. Cancelling a job that has ended changes nothing.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/cancel", params(("id" = JobId, Path)),
+    responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
+)]
+pub(super) async fn cancel(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobStatus>, ApiError> {
+    Ok(Json(service.cancel_job(id).await?))
+}
+
+/// The image as it stands, as OpenEXR with metadata.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image.exr", params(("id" = JobId, Path)),
+    responses((status = 200, content_type = "image/x-exr"), (status = 304), (status = "4XX", body = Problem))
+)]
+pub(super) async fn image_exr(
+    State(service): State<App>,
+    Id(id): Id<JobId>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    image(service, id, ImageFormat::Exr, "image/x-exr", &headers).await
+}
+
+/// The image as it stands, as PNG by a tone curve.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image.png", params(("id" = JobId, Path)),
+    responses((status = 200, content_type = "image/png"), (status = 304), (status = "4XX", body = Problem))
+)]
+pub(super) async fn image_png(
+    State(service): State<App>,
+    Id(id): Id<JobId>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    image(service, id, ImageFormat::Png, "image/png", &headers).await
+}
+
+async fn image(
+    service: App,
+    id: JobId,
+    format: ImageFormat,
+    media_type: &str,
+    headers: &HeaderMap,
+) -> Result<Response, ApiError> {
+    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
+    let picture = service.picture(id, format, known).await?;
+    let cache = [
+        (header::ETAG, picture.etag),
+        (header::CACHE_CONTROL, "no-cache".to_owned()),
+    ];
+    Ok(match picture.bytes {
+        Some(bytes) => (cache, [(header::CONTENT_TYPE, media_type)], bytes).into_response(),
+        None => (StatusCode::NOT_MODIFIED, cache).into_response(),
+    })
+}

@@ -1,0 +1,62 @@
+//! The worker protocol.
+
+use super::extract::{Framed, expect_media_type};
+use super::{ApiError, App};
+use crate::scheduler::Delivered;
+use axum::extract::{Request, State};
+use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
+use photonfarm_proto::worker::{
+    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, NodeReply, Register, Registered,
+    Release,
+};
+
+pub(super) async fn register(
+    State(service): State<App>,
+    Framed(register): Framed<Register>,
+) -> Result<Framed<Registered>, ApiError> {
+    let worker = service.register(register).await?;
+    let heartbeat_ms = service.heartbeat_ms().await;
+    Ok(Framed(Registered { worker, heartbeat_ms }))
+}
+
+pub(super) async fn lease(
+    State(service): State<App>,
+    Framed(request): Framed<LeaseRequest>,
+) -> Result<Framed<LeaseReply>, ApiError> {
+    Ok(Framed(LeaseReply {
+        assignment: service.lease(request).await?,
+    }))
+}
+
+pub(super) async fn heartbeat(
+    State(service): State<App>,
+    Framed(heartbeat): Framed<Heartbeat>,
+) -> Result<Framed<HeartbeatReply>, ApiError> {
+    Ok(Framed(HeartbeatReply {
+        lost: service.heartbeat(&heartbeat).await?,
+    }))
+}
+
+pub(super) async fn upload(State(service): State<App>, request: Request) -> Result<Framed<NodeReply>, ApiError> {
+    expect_media_type(request.headers(), MESSAGE_MEDIA_TYPE)?;
+    let delivered = service.upload(request.into_body().into_data_stream()).await?;
+    Ok(Framed(NodeReply {
+        duplicate: delivered == Delivered::Duplicate,
+    }))
+}
+
+pub(super) async fn fail(
+    State(service): State<App>,
+    Framed(report): Framed<FailureReport>,
+) -> Result<Framed<Acknowledged>, ApiError> {
+    service.fail(report).await?;
+    Ok(Framed(Acknowledged))
+}
+
+pub(super) async fn release(
+    State(service): State<App>,
+    Framed(release): Framed<Release>,
+) -> Result<Framed<Acknowledged>, ApiError> {
+    service.release(release).await?;
+    Ok(Framed(Acknowledged))
+}

@@ -1,0 +1,55 @@
+//! How fast a job goes: kept in memory only, learned anew after a restart.
+
+use super::record::Millis;
+use photonfarm_proto::id::WorkerId;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Weight of the newest observation in a worker's speed.
+const NEWEST: f64 = 0.5;
+/// Length of the window for the job's rate.
+const WINDOW_MS: Millis = 30_000;
+/// Least time between two samples of the rate.
+const SAMPLE_MS: Millis = 1_000;
+
+/// Speeds seen lately.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pace {
+    seconds_per_iteration: BTreeMap<WorkerId, f64>,
+    samples: VecDeque<(Millis, u64)>,
+}
+
+impl Pace {
+    /// A worker took `seconds` for `iterations`.
+    pub(super) fn observe(&mut self, worker: WorkerId, seconds: f64, iterations: u64) {
+        let newest = (seconds / iterations as f64).max(1e-4);
+        self.seconds_per_iteration
+            .entry(worker)
+            .and_modify(|known| *known += NEWEST * (newest - *known))
+            .or_insert(newest);
+    }
+
+    /// Seconds that `worker` takes for an iteration of this job.
+    pub(super) fn seconds_per_iteration(&self, worker: WorkerId) -> Option<f64> {
+        self.seconds_per_iteration.get(&worker).copied()
+    }
+
+    /// `rendered` leaves are rendered by now.
+    pub(super) fn sample(&mut self, now: Millis, rendered: u64) {
+        if let Some((last, _)) = self.samples.back()
+            && now < last + SAMPLE_MS
+        {
+            return;
+        }
+        self.samples.push_back((now, rendered));
+        while self.samples.front().is_some_and(|(first, _)| first + WINDOW_MS < now) {
+            self.samples.pop_front();
+        }
+    }
+
+    /// Iterations per second of wall-clock time over the last half minute.
+    pub(super) fn iterations_per_second(&self) -> Option<f64> {
+        let ((start, before), (end, after)) = (self.samples.front()?, self.samples.back()?);
+        let seconds = end.checked_sub(*start).filter(|ms| *ms > 0)? as f64 / 1e3;
+        Some(after.saturating_sub(*before) as f64 / seconds)
+    }
+}

@@ -1,0 +1,90 @@
+//! Errors of the service, and how clients see them.
+
+use crate::scheduler::Refusal;
+use crate::store::StoreError;
+use photonfarm_core::film::FilmError;
+use photonfarm_core::picture::PictureError;
+use photonfarm_proto::codec::CodecError;
+use photonfarm_proto::limits::LimitError;
+use photonfarm_proto::node::NodeError;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use thiserror::Error;
+
+/// Why the service refused or failed.
+#[derive(Debug, Error)]
+pub enum ServiceError {
+    /// A problem as the client sees it.
+    #[error(transparent)]
+    Problem(#[from] Problem),
+    /// The scheduler refused.
+    #[error(transparent)]
+    Refusal(#[from] Refusal),
+    /// A store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Beyond a limit.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
+    /// A damaged message.
+    #[error(transparent)]
+    Codec(#[from] CodecError),
+    /// A damaged node.
+    #[error(transparent)]
+    Node(#[from] NodeError),
+    /// Nodes that do not fit together.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+    /// A picture that cannot be written.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// The service is stopping.
+    #[error("the coordinator is stopping")]
+    Stopping,
+}
+
+impl ServiceError {
+    /// As a client sees it: what it did wrong in full, what the service did wrong without internals.
+    #[must_use]
+    pub fn into_problem(self) -> Problem {
+        let text = self.to_string();
+        match self {
+            Self::Problem(problem) => problem,
+            Self::Refusal(refusal) => refusal_problem(&refusal),
+            Self::Limit(limit) => limit_problem(&limit),
+            Self::Codec(CodecError::Version { .. }) | Self::Node(NodeError::Version { .. }) => {
+                Problem::new(ErrorCode::VersionMismatch, text)
+            }
+            Self::Codec(_) => Problem::new(ErrorCode::Malformed, text),
+            Self::Node(NodeError::Limit(limit)) => limit_problem(&limit),
+            Self::Node(_) => Problem::new(ErrorCode::Invalid, text),
+            Self::Stopping => Problem::new(ErrorCode::Unavailable, text),
+            Self::Store(StoreError::WrongHash { .. }) => Problem::new(ErrorCode::ContentMismatch, text),
+            Self::Store(StoreError::NoBlob(_)) => Problem::new(ErrorCode::NotFound, text),
+            Self::Store(_) | Self::Film(_) | Self::Picture(_) => {
+                tracing::error!(error = text, "the service failed");
+                Problem::new(ErrorCode::Internal, "the coordinator could not do it; its log says why")
+            }
+        }
+    }
+}
+
+fn limit_problem(limit: &LimitError) -> Problem {
+    match limit {
+        LimitError::Exceeded { name, .. } => Problem::new(ErrorCode::Limit, limit.to_string()).at(*name, None),
+        LimitError::Invalid { field, .. } => {
+            Problem::new(ErrorCode::Invalid, limit.to_string()).at(field.clone(), None)
+        }
+    }
+}
+
+fn refusal_problem(refusal: &Refusal) -> Problem {
+    let code = match refusal {
+        Refusal::UnknownJob(_) => ErrorCode::NotFound,
+        Refusal::UnknownWorker(_) => ErrorCode::UnknownWorker,
+        Refusal::StaleLease(_) => ErrorCode::StaleLease,
+        Refusal::JobEnded(_) => ErrorCode::JobEnded,
+        Refusal::Invalid(_) => ErrorCode::Invalid,
+        Refusal::Conflict { .. } => ErrorCode::ResultConflict,
+    };
+    Problem::new(code, refusal.to_string())
+}

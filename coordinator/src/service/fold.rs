@@ -1,0 +1,94 @@
+//! Siblings become their parent, until only maximal nodes are left; then a complete job ends.
+
+use super::{Service, ServiceError};
+use crate::store::{self, StoreError};
+use photonfarm_core::film::Node;
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::node::{self, NodeKey};
+use std::sync::Arc;
+
+impl Service {
+    pub(super) fn fold_in_background(self: &Arc<Self>, job: JobId) {
+        let service = self.clone();
+        tokio::spawn(async move { service.fold_and_log(job).await });
+    }
+
+    /// Folds every job that goes on: what a crash or a full disk left undone.
+    pub(super) async fn fold_all(self: &Arc<Self>) {
+        let jobs: Vec<JobId> = match self.fresh_farm().await {
+            Ok(cell) => cell.farm.jobs().map(|job| job.id()).collect(),
+            Err(error) => return tracing::error!(%error, "the state cannot be loaded"),
+        };
+        for job in jobs {
+            self.fold_and_log(job).await;
+        }
+    }
+
+    async fn fold_and_log(self: &Arc<Self>, job: JobId) {
+        if let Err(error) = self.fold(job).await {
+            tracing::error!(%job, %error, "nodes could not be merged; it is tried again");
+        }
+    }
+
+    /// Merges while there are siblings. One merge at a time in the whole process bounds its memory.
+    async fn fold(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
+        let _one_at_a_time = self.folding.lock().await;
+        while let Some((parent, children)) = self.next_merge(job).await? {
+            let [Some(left), Some(right)] = [self.child(job, children[0]).await?, self.child(job, children[1]).await?]
+            else {
+                continue;
+            };
+            let merge = move || left.merge(&right).map(|parent| node::encode_node(job, &parent));
+            let bytes = tokio::task::spawn_blocking(merge)
+                .await
+                .map_err(|_| ServiceError::Stopping)??;
+            let _publishing = self.publishing.read().await;
+            let digest = store::put(&*self.stores.nodes, &bytes).await?;
+            if !self
+                .transact(move |farm, _| Ok(farm.merge(job, parent, digest)))
+                .await?
+            {
+                self.collect(vec![(job, parent, digest)]);
+            }
+        }
+        self.transact(move |farm, now| Ok(farm.settle(job, now))).await
+    }
+
+    async fn next_merge(&self, job: JobId) -> Result<Option<(NodeKey, [(NodeKey, BlobHash); 2])>, ServiceError> {
+        let cell = self.fresh_farm().await?;
+        let Some(job) = cell.farm.job(job) else { return Ok(None) };
+        Ok(job.next_merge().and_then(|parent| {
+            let digest = |child| job.live_nodes().find(|(live, _)| *live == child);
+            let [left, right] = parent.children()?;
+            Some((parent, [digest(left)?, digest(right)?]))
+        }))
+    }
+
+    /// Reads a child. If its image is missing or damaged, its leaves go back to the pool.
+    async fn child(
+        self: &Arc<Self>,
+        job: JobId,
+        (key, digest): (NodeKey, BlobHash),
+    ) -> Result<Option<Node>, ServiceError> {
+        let read = match self.stores.nodes.read(digest).await {
+            Ok(bytes) => {
+                let limits = self.limits.clone();
+                let decode = move || node::decode_node(&bytes, &limits);
+                tokio::task::spawn_blocking(decode)
+                    .await
+                    .map_err(|_| ServiceError::Stopping)?
+                    .ok()
+            }
+            Err(StoreError::NoBlob(_) | StoreError::Damaged(_)) => None,
+            Err(error) => return Err(error.into()),
+        };
+        match read {
+            Some((_, node)) => Ok(Some(node)),
+            None => {
+                self.stores.nodes.remove(digest).await?;
+                self.transact(move |farm, _| Ok(farm.lose(job, key))).await?;
+                Ok(None)
+            }
+        }
+    }
+}

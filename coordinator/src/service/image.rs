@@ -1,0 +1,131 @@
+//! The image of a job at any time: the average over the nodes that count.
+
+use super::{RENDERER, Service, ServiceError};
+use crate::scheduler::Job;
+use crate::store::StoreError;
+use photonfarm_core::film::Image;
+use photonfarm_core::picture::{self, PictureMetadata};
+use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_core::tree::Average;
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::node;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+
+/// How often a picture is begun anew because its nodes were merged meanwhile.
+const ATTEMPTS: usize = 8;
+
+/// A file format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// OpenEXR with metadata: linear radiance.
+    Exr,
+    /// PNG by a tone curve.
+    Png,
+}
+
+/// A picture as a file.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// Names these bytes: the same tag, the same picture.
+    pub etag: String,
+    /// The file; none if the client's tag is the same.
+    pub bytes: Option<Vec<u8>>,
+}
+
+impl Service {
+    /// The image as it stands, unless it still is the one that `known` names.
+    pub async fn picture(&self, id: JobId, format: ImageFormat, known: Option<&str>) -> Result<Picture, ServiceError> {
+        let _permit = self.pictures.acquire().await.map_err(|_| ServiceError::Stopping)?;
+        for _ in 0..ATTEMPTS {
+            let job = self.find_job(id).await?;
+            let etag = etag(&job, format);
+            if known.is_some_and(|known| matches_tag(known, &etag)) {
+                return Ok(Picture { etag, bytes: None });
+            }
+            let image = match self.average(&job).await {
+                Ok(image) => image,
+                Err(ServiceError::Store(StoreError::NoBlob(_))) => continue,
+                Err(error) => return Err(error),
+            };
+            let metadata = metadata(&job);
+            let encode = move || match format {
+                ImageFormat::Exr => picture::encode_exr(&image, &metadata),
+                ImageFormat::Png => picture::encode_png(&image),
+            };
+            let bytes = tokio::task::spawn_blocking(encode)
+                .await
+                .map_err(|_| ServiceError::Stopping)??;
+            return Ok(Picture {
+                etag,
+                bytes: Some(bytes),
+            });
+        }
+        Err(Problem::new(ErrorCode::Internal, "nodes of the image are missing").into())
+    }
+
+    async fn average(&self, job: &Job) -> Result<Image, ServiceError> {
+        let mut average = Average::default();
+        let mut empty = true;
+        for (_, digest) in job.live_nodes() {
+            let bytes = self.stores.nodes.read(digest).await?;
+            let limits = self.limits.clone();
+            let add = move || -> Result<Average, ServiceError> {
+                average.push(node::decode_node(&bytes, &limits)?.1)?;
+                Ok(average)
+            };
+            average = tokio::task::spawn_blocking(add)
+                .await
+                .map_err(|_| ServiceError::Stopping)??;
+            empty = false;
+        }
+        if empty {
+            let detail = format!("no iteration of job {} has arrived yet", job.id());
+            return Err(Problem::new(ErrorCode::NoImageYet, detail).into());
+        }
+        Ok(average.finish()?)
+    }
+}
+
+fn etag(job: &Job, format: ImageFormat) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(format!("{RENDERER} {format:?} {}", job.id()).as_bytes());
+    job.live_nodes().for_each(|(_, digest)| _ = hasher.update(&digest.0));
+    format!("\"{}\"", &BlobHash::from(hasher.finalize()).to_string()[..32])
+}
+
+/// Whether a header `If-None-Match` names the tag.
+fn matches_tag(header: &str, etag: &str) -> bool {
+    header
+        .split(',')
+        .map(str::trim)
+        .any(|tag| tag == "*" || tag.trim_start_matches("W/") == etag)
+}
+
+fn metadata(job: &Job) -> PictureMetadata {
+    let spec = &job.head().spec;
+    let bandwidth = job.totals().bandwidth;
+    let has_angle = matches!(spec.integrator, IntegratorSettings::Pcf(_));
+    PictureMetadata {
+        version: RENDERER.to_owned(),
+        scene_hash: spec.scene.to_string(),
+        defines: spec.defines.clone(),
+        integrator: spec.integrator.clone(),
+        seed: spec.seed,
+        iterations: job.done(),
+        sigma: bandwidth.map(|range| range.sigma),
+        theta: bandwidth.and_then(|range| range.theta).filter(|_| has_angle),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tags_are_compared_as_http_says() {
+        assert!(matches_tag("\"a\"", "\"a\""));
+        assert!(matches_tag("W/\"b\", W/\"a\"", "\"a\""));
+        assert!(matches_tag("*", "\"a\""));
+        assert!(!matches_tag("\"b\"", "\"a\""));
+    }
+}

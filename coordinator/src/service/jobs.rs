@@ -1,0 +1,159 @@
+//! Bundles and jobs as clients submit them.
+
+use super::upload::next_piece;
+use super::{Service, ServiceError};
+use crate::scheduler::{Job, Refusal};
+use crate::store::StoreError;
+use axum::body::Bytes;
+use futures_util::Stream;
+use photonfarm_proto::api::{BundleReply, JobPage};
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::job::{JobSpec, JobStatus};
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use std::sync::Arc;
+
+/// Most jobs on a page.
+const PAGE: u32 = 100;
+/// Jobs on a page if the client does not say.
+const DEFAULT_PAGE: u32 = 20;
+
+impl Service {
+    /// Keeps a manifest and names what is missing of it.
+    pub async fn submit_bundle(&self, manifest: BundleManifest) -> Result<BundleReply, ServiceError> {
+        self.limits.check_bundle(&manifest)?;
+        let bundle = manifest.hash();
+        self.stores.state.put_bundle(bundle, manifest.clone()).await?;
+        let mut missing = Vec::new();
+        for (blob, _) in manifest.blobs() {
+            if !self.stores.scenes.contains(blob).await? && missing.last() != Some(&blob) {
+                missing.push(blob);
+            }
+        }
+        Ok(BundleReply { bundle, missing })
+    }
+
+    /// The manifest of a bundle.
+    pub async fn bundle(&self, hash: BlobHash) -> Result<BundleManifest, ServiceError> {
+        let found = self.stores.state.bundle(hash).await?;
+        Ok(found.ok_or_else(|| Problem::new(ErrorCode::NotFound, format!("there is no bundle {hash}")))?)
+    }
+
+    /// Receives a file that some bundle names. Returns whether it is new.
+    pub async fn put_blob<S, E>(&self, hash: BlobHash, mut body: S) -> Result<bool, ServiceError>
+    where
+        S: Stream<Item = Result<Bytes, E>> + Unpin,
+        E: std::fmt::Display,
+    {
+        let Some(limit) = self.stores.state.bundled_size(hash).await? else {
+            let detail = format!("no bundle names a file {hash}: send the manifest first");
+            return Err(Problem::new(ErrorCode::NotFound, detail).into());
+        };
+        let mut staged = match self.stores.scenes.contains(hash).await? {
+            true => None,
+            false => Some(self.stores.scenes.stage().await?),
+        };
+        let mut received = 0;
+        while let Some(piece) = next_piece(&mut body).await? {
+            received += piece.len() as u64;
+            if received > limit {
+                let detail = format!("the file is longer than the {limit} bytes of its manifest");
+                return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());
+            }
+            if let Some(staged) = &mut staged {
+                staged.write(&piece).await?;
+            }
+        }
+        let new = staged.is_some();
+        if let Some(staged) = staged {
+            staged.publish(hash).await?;
+        }
+        Ok(new)
+    }
+
+    /// Submits a job; with a key, once only. Returns whether it is new.
+    pub async fn submit_job(
+        self: &Arc<Self>,
+        spec: JobSpec,
+        key: Option<String>,
+    ) -> Result<(JobStatus, bool), ServiceError> {
+        let _one_at_a_time = self.submitting.lock().await;
+        if let Some(key) = &key
+            && let Some(known) = self.stores.state.job_by_key(key.clone()).await?
+        {
+            if known.head.spec != spec {
+                let detail = format!(
+                    "the key belongs to job {}, which asks for something else",
+                    known.head.id
+                );
+                return Err(Problem::new(ErrorCode::IdempotencyKeyReused, detail).into());
+            }
+            return Ok((self.status(known.head.id).await?, false));
+        }
+        self.check_job(&spec).await?;
+        let id = self.transact(move |farm, now| Ok(farm.submit(spec, key, now))).await?;
+        Ok((self.status(id).await?, true))
+    }
+
+    async fn check_job(&self, spec: &JobSpec) -> Result<(), ServiceError> {
+        let Some(manifest) = self.stores.state.bundle(spec.scene).await? else {
+            let detail = format!("scene: there is no bundle {}", spec.scene);
+            return Err(Problem::new(ErrorCode::Invalid, detail).at("scene", None).into());
+        };
+        self.limits.check_job(spec, &manifest)?;
+        if let Err(error) = spec.integrator.validate() {
+            let field = format!("integrator.{}", error.name);
+            return Err(Problem::new(ErrorCode::Invalid, error.to_string())
+                .at(field, None)
+                .into());
+        }
+        for (name, file) in &manifest.files {
+            match self.stores.scenes.open(file.hash).await {
+                Ok((bytes, _)) if bytes == file.bytes => {}
+                Ok((bytes, _)) => {
+                    let detail = format!("{name:?} has {bytes} bytes, the manifest says {}", file.bytes);
+                    return Err(Problem::new(ErrorCode::ContentMismatch, detail)
+                        .at("scene", None)
+                        .into());
+                }
+                Err(StoreError::NoBlob(hash)) => {
+                    let detail = format!("{name:?} ({hash}) was not uploaded");
+                    return Err(Problem::new(ErrorCode::BundleIncomplete, detail)
+                        .at("scene", None)
+                        .into());
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Cancels a job. Cancelling one that has ended changes nothing.
+    pub async fn cancel_job(self: &Arc<Self>, id: JobId) -> Result<JobStatus, ServiceError> {
+        match self.transact(move |farm, now| farm.cancel(id, now)).await {
+            Ok(()) | Err(ServiceError::Refusal(Refusal::UnknownJob(_))) => self.status(id).await,
+            Err(error) => Err(error),
+        }
+    }
+
+    /// A page of jobs, newest first.
+    pub async fn list_jobs(&self, cursor: Option<&str>, limit: Option<u32>) -> Result<JobPage, ServiceError> {
+        let bad = |_| Problem::new(ErrorCode::Malformed, "cursor: not one that this service gave").at("cursor", None);
+        let before = cursor.map(str::parse::<JobId>).transpose().map_err(bad)?;
+        let limit = limit.unwrap_or(DEFAULT_PAGE).clamp(1, PAGE);
+        let mut records = self.stores.state.jobs(before, limit + 1).await?;
+        let more = records.len() > limit as usize;
+        records.truncate(limit as usize);
+        let cell = self.fresh_farm().await?;
+        let config = cell.farm.config();
+        let jobs: Vec<JobStatus> = records
+            .into_iter()
+            .map(|record| match cell.farm.job(record.head.id) {
+                Some(job) => job.status(config),
+                None => Job::from_record(record, 0).status(config),
+            })
+            .collect();
+        let next = jobs.last().filter(|_| more).map(|job| job.id.to_string());
+        Ok(JobPage { jobs, next })
+    }
+}

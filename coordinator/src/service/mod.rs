@@ -1,0 +1,438 @@
+//! The scheduler at work: decisions are committed, then applied, then answered.
+
+mod error;
+mod fold;
+mod image;
+mod jobs;
+mod upload;
+
+pub use error::ServiceError;
+pub use image::{ImageFormat, Picture};
+
+use crate::scheduler::record::{Change, LeaseRecord, Millis};
+use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
+use crate::store::{BlobStore, StateStore};
+use photonfarm_proto::api::WorkerStatus;
+use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::job::{Attempt, FailureKind, JobStatus};
+use photonfarm_proto::limits::Limits;
+use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::worker::{Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, Register, Release};
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use tokio::sync::{Mutex, RwLock, Semaphore, watch};
+
+/// Version of the renderer whose results count: a worker with another one is refused.
+pub const RENDERER: &str = env!("CARGO_PKG_VERSION");
+
+/// Longest wait for a lease in one request.
+const LONGEST_POLL: Duration = Duration::from_secs(30);
+/// How often a waiting worker is considered for a straggler's block.
+const POLL_STEP: Duration = Duration::from_secs(1);
+/// Node images held in memory at once by uploads.
+const UPLOADS: usize = 4;
+/// Pictures encoded at once.
+const PICTURES: usize = 2;
+
+/// The stores of a farm.
+#[derive(Clone)]
+pub struct Stores {
+    /// Jobs, leases, nodes, workers, bundles.
+    pub state: Arc<dyn StateStore>,
+    /// Files of bundles.
+    pub scenes: Arc<dyn BlobStore>,
+    /// Images of nodes.
+    pub nodes: Arc<dyn BlobStore>,
+}
+
+/// The service behind every interface.
+pub struct Service {
+    pub(crate) limits: Limits,
+    pub(crate) stores: Stores,
+    farm: Mutex<FarmCell>,
+    clock: Clock,
+    /// Rises whenever a status may have changed.
+    progress: watch::Sender<u64>,
+    /// Rises whenever there may be new work.
+    work: watch::Sender<u64>,
+    stopping: watch::Sender<bool>,
+    submitting: Mutex<()>,
+    folding: Mutex<()>,
+    uploads: Semaphore,
+    pictures: Semaphore,
+    /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
+    publishing: RwLock<()>,
+}
+
+struct FarmCell {
+    farm: Farm,
+    /// A commit failed with an unknown outcome: the state must be loaded again.
+    stale: bool,
+}
+
+/// Milliseconds since 1970 that never run backwards.
+struct Clock {
+    base_ms: Millis,
+    start: Instant,
+}
+
+impl Clock {
+    fn new() -> Self {
+        let base_ms = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .unwrap_or_default()
+            .as_millis() as Millis;
+        Self {
+            base_ms,
+            start: Instant::now(),
+        }
+    }
+
+    fn now(&self) -> Millis {
+        self.base_ms + self.start.elapsed().as_millis() as Millis
+    }
+}
+
+impl Service {
+    /// Goes on from what the stores hold.
+    pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
+        let clock = Clock::new();
+        let farm = Farm::restore(scheduler, stores.state.load().await?, clock.now());
+        let service = Arc::new(Self {
+            limits,
+            stores,
+            farm: Mutex::new(FarmCell { farm, stale: false }),
+            clock,
+            progress: watch::Sender::new(0),
+            work: watch::Sender::new(0),
+            stopping: watch::Sender::new(false),
+            submitting: Mutex::default(),
+            folding: Mutex::default(),
+            uploads: Semaphore::new(UPLOADS),
+            pictures: Semaphore::new(PICTURES),
+            publishing: RwLock::default(),
+        });
+        service.remove_orphans().await?;
+        service.fold_all().await;
+        Ok(service)
+    }
+
+    /// Runs the clockwork until the service stops.
+    pub async fn run(self: Arc<Self>, step: Duration) {
+        let mut stopping = self.stopping.subscribe();
+        loop {
+            tokio::select! {
+                _ = stopping.wait_for(|stop| *stop) => return,
+                () = tokio::time::sleep(step) => {}
+            }
+            if let Err(error) = self.transact(|farm, now| Ok(farm.expire(now))).await {
+                tracing::error!(%error, "leases could not be expired");
+            }
+            self.fold_all().await;
+        }
+    }
+
+    /// Ends waiting requests and the clockwork.
+    pub fn stop(&self) {
+        self.stopping.send_replace(true);
+    }
+
+    pub(crate) fn stopping(&self) -> watch::Receiver<bool> {
+        self.stopping.subscribe()
+    }
+
+    /// Notices changes of any status.
+    pub(crate) fn progress(&self) -> watch::Receiver<u64> {
+        self.progress.subscribe()
+    }
+
+    /// Decides, commits, applies. Runs to its end even if the caller is dropped, so that what is remembered never
+    /// differs from what is kept.
+    async fn transact<T: Send + 'static>(
+        self: &Arc<Self>,
+        decide: impl FnOnce(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let service = self.clone();
+        let task = async move {
+            let mut cell = service.fresh_farm().await?;
+            let now = service.clock.now();
+            let Decision { reply, changes } = decide(&cell.farm, now)?;
+            if changes.is_empty() {
+                return Ok(reply);
+            }
+            if let Err(error) = service.stores.state.commit(changes.clone()).await {
+                cell.stale = true;
+                return Err(error.into());
+            }
+            let garbage = merged_digests(&cell.farm, &changes);
+            for change in &changes {
+                log_change(change);
+                cell.farm.evolve(change, now);
+            }
+            drop(cell);
+            service.notify(&changes);
+            service.collect(garbage);
+            Ok(reply)
+        };
+        tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
+    }
+
+    /// The farm's state, loaded again if a commit left it in doubt.
+    async fn fresh_farm(&self) -> Result<tokio::sync::MutexGuard<'_, FarmCell>, ServiceError> {
+        let mut cell = self.farm.lock().await;
+        if cell.stale {
+            let snapshot = self.stores.state.load().await?;
+            cell.farm = Farm::restore(cell.farm.config().clone(), snapshot, self.clock.now());
+            cell.stale = false;
+        }
+        Ok(cell)
+    }
+
+    fn notify(&self, changes: &[Change]) {
+        self.progress.send_modify(|version| *version += 1);
+        let makes_work = |change: &Change| {
+            matches!(
+                change,
+                Change::JobSubmitted(_) | Change::LeaseEnded { .. } | Change::NodeLost { .. }
+            )
+        };
+        if changes.iter().any(makes_work) {
+            self.work.send_modify(|version| *version += 1);
+        }
+    }
+
+    /// A worker introduces itself.
+    pub async fn register(self: &Arc<Self>, register: Register) -> Result<WorkerId, ServiceError> {
+        let Register {
+            name,
+            threads,
+            renderer,
+        } = register;
+        if renderer != RENDERER {
+            let detail = format!("the worker renders with version {renderer}, this farm with {RENDERER}");
+            return Err(Problem::new(ErrorCode::VersionMismatch, detail).into());
+        }
+        if name.len() > 255 {
+            return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
+        }
+        self.transact(move |farm, _| Ok(farm.register(name, threads, renderer)))
+            .await
+    }
+
+    /// Time between heartbeats that workers are told.
+    pub async fn heartbeat_ms(&self) -> Millis {
+        (self.farm.lock().await.farm.config().lease_ttl_ms / 5).max(20)
+    }
+
+    /// A worker asks for work and waits for it.
+    pub async fn lease(self: &Arc<Self>, request: LeaseRequest) -> Result<Option<Assignment>, ServiceError> {
+        let deadline = Instant::now() + Duration::from_millis(request.wait_ms).min(LONGEST_POLL);
+        let mut work = self.work.subscribe();
+        let mut stopping = self.stopping();
+        let worker = request.worker;
+        loop {
+            work.mark_unchanged();
+            let now = self.clock.now();
+            self.fresh_farm().await?.farm.seen(worker, now)?;
+            let held = request.held.clone();
+            let decide = move |farm: &Farm, now| {
+                let decision = farm.lease(worker, &held, now)?;
+                let orphaned = !decision.changes.is_empty() && decision.reply.is_none();
+                Ok(Decision {
+                    reply: (decision.reply, orphaned),
+                    changes: decision.changes,
+                })
+            };
+            match self.transact(decide).await? {
+                (Some(lease), _) => return self.assignment(&lease).await,
+                (None, true) => continue,
+                (None, false) => {}
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() || *stopping.borrow() {
+                return Ok(None);
+            }
+            tokio::select! {
+                _ = work.changed() => {}
+                _ = stopping.changed() => {}
+                () = tokio::time::sleep(left.min(POLL_STEP)) => {}
+            }
+        }
+    }
+
+    /// The work of a lease; none if its job has ended meanwhile.
+    async fn assignment(&self, record: &LeaseRecord) -> Result<Option<Assignment>, ServiceError> {
+        let cell = self.fresh_farm().await?;
+        let expires_in_ms = cell.farm.config().lease_ttl_ms;
+        let LeaseRecord {
+            token,
+            job,
+            node,
+            worker,
+            attempt,
+            ..
+        } = *record;
+        let lease = Lease {
+            token,
+            job,
+            node,
+            worker,
+            attempt,
+            expires_in_ms,
+        };
+        Ok(cell.farm.job(job).map(|job| Assignment {
+            lease,
+            spec: job.head().spec.clone(),
+        }))
+    }
+
+    /// A sign of life; returns the leases that are lost.
+    pub async fn heartbeat(&self, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
+        let mut cell = self.fresh_farm().await?;
+        let lost = cell
+            .farm
+            .heartbeat(heartbeat.worker, &heartbeat.leases, self.clock.now())?;
+        drop(cell);
+        self.progress.send_modify(|version| *version += 1);
+        Ok(lost)
+    }
+
+    /// A worker could not render an iteration.
+    pub async fn fail(self: &Arc<Self>, report: FailureReport) -> Result<(), ServiceError> {
+        let FailureReport {
+            token,
+            worker,
+            job,
+            leaf,
+            kind,
+            message,
+        } = report;
+        if kind == FailureKind::Lost {
+            return Err(Problem::new(ErrorCode::Invalid, "a worker cannot report itself lost").into());
+        }
+        let attempt = Attempt {
+            worker,
+            kind,
+            message: photonfarm_proto::worker::cut_text(message),
+        };
+        self.transact(move |farm, now| farm.fail(job, token, leaf, attempt, now))
+            .await?;
+        self.transact(move |farm, now| Ok(farm.settle(job, now))).await
+    }
+
+    /// A worker gives a lease back.
+    pub async fn release(self: &Arc<Self>, release: Release) -> Result<(), ServiceError> {
+        let Release { token, worker, job } = release;
+        self.transact(move |farm, _| Ok(farm.release(job, token, worker))).await
+    }
+
+    /// The workers heard of lately.
+    pub async fn workers(&self) -> Result<Vec<WorkerStatus>, ServiceError> {
+        Ok(self.fresh_farm().await?.farm.worker_statuses(self.clock.now()))
+    }
+
+    /// A job, whether it goes on or has ended.
+    async fn find_job(&self, id: JobId) -> Result<Job, ServiceError> {
+        if let Some(job) = self.fresh_farm().await?.farm.job(id) {
+            return Ok(job.clone());
+        }
+        let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
+        Ok(Job::from_record(record, 0))
+    }
+
+    /// How far a job has come.
+    pub async fn status(&self, id: JobId) -> Result<JobStatus, ServiceError> {
+        let cell = self.fresh_farm().await?;
+        if let Some(job) = cell.farm.job(id) {
+            return Ok(job.status(cell.farm.config()));
+        }
+        let config = cell.farm.config().clone();
+        drop(cell);
+        Ok(self.find_job(id).await?.status(&config))
+    }
+
+    /// Removes images of nodes that do not count, by and by.
+    fn collect(self: &Arc<Self>, garbage: Vec<(JobId, NodeKey, BlobHash)>) {
+        if garbage.is_empty() {
+            return;
+        }
+        let service = self.clone();
+        tokio::spawn(async move {
+            for (job, node, digest) in garbage {
+                service.remove_if_garbage(job, node, digest).await;
+            }
+        });
+    }
+
+    async fn remove_if_garbage(&self, job: JobId, node: NodeKey, digest: BlobHash) {
+        let _alone = self.publishing.write().await;
+        let counts = |job: &Job| job.live_nodes().any(|(live, hash)| live == node && hash == digest);
+        let result = match self.find_job(job).await {
+            Ok(job) if counts(&job) => return,
+            Ok(_) | Err(ServiceError::Refusal(_)) => self.stores.nodes.remove(digest).await,
+            Err(error) => return tracing::warn!(%error, "garbage is left for the next start"),
+        };
+        if let Err(error) = result {
+            tracing::warn!(%error, "garbage is left for the next start");
+        }
+    }
+
+    /// Removes node images that no row names: what a crash between bytes and row leaves.
+    async fn remove_orphans(&self) -> Result<(), ServiceError> {
+        let mut live = self.stores.state.live_digests().await?;
+        live.sort_unstable();
+        for digest in self.stores.nodes.list().await? {
+            if live.binary_search(&digest).is_err() {
+                self.stores.nodes.remove(digest).await?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn merged_digests(farm: &Farm, changes: &[Change]) -> Vec<(JobId, NodeKey, BlobHash)> {
+    let merged = changes.iter().filter_map(|change| match change {
+        Change::NodeMerged { job, node } => Some((*job, *node)),
+        _ => None,
+    });
+    merged
+        .filter_map(|(id, node)| {
+            let (_, digest) = farm.job(id)?.live_nodes().find(|(live, _)| *live == node)?;
+            Some((id, node, digest))
+        })
+        .collect()
+}
+
+fn log_change(change: &Change) {
+    match change {
+        Change::WorkerRegistered(worker) => {
+            tracing::info!(worker = %worker.id, name = worker.name, threads = worker.threads, "worker registered");
+        }
+        Change::WorkerForgotten(worker) => tracing::info!(%worker, "worker forgotten"),
+        Change::JobSubmitted(head) => {
+            tracing::info!(job = %head.id, iterations = head.spec.iterations, "job submitted");
+        }
+        Change::LeaseGranted(LeaseRecord {
+            job,
+            node,
+            worker,
+            token,
+            attempt,
+            ..
+        }) => {
+            tracing::debug!(%job, %node, %worker, %token, attempt, "lease granted");
+        }
+        Change::LeaseEnded { job, token } => tracing::debug!(%job, %token, "lease ended"),
+        Change::NodeAdded { job, node, .. } => tracing::debug!(%job, %node, "node counts"),
+        Change::NodeMerged { .. } => {}
+        Change::NodeLost { job, node } => tracing::error!(%job, %node, "node lost: its image is missing or damaged"),
+        Change::LeafFailed { job, leaf, attempt } => {
+            let (worker, kind, message) = (attempt.worker, attempt.kind, &attempt.message);
+            tracing::warn!(%job, iteration = leaf + 1, %worker, ?kind, message, "iteration failed");
+        }
+        Change::JobEnded {
+            job, state, failure, ..
+        } => tracing::info!(%job, ?state, failure, "job ended"),
+    }
+}
