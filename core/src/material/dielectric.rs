@@ -104,7 +104,7 @@ fn refraction(eta: f32, facets: &Microfacets, wo: Vec3, wi: Vec3, m: Vec3) -> Op
     if wo_m <= 0.0 || wi_m >= 0.0 {
         return None;
     }
-    let transmittance = 1.0 - fresnel::dielectric(wo_m.min(1.0), eta).reflectance;
+    let transmittance = 1.0 - fresnel::reflectance(wo_m, -wi_m, eta);
     let half_length = wo_m + eta * wi_m;
     let jacobian = eta * eta * -wi_m / (half_length * half_length);
     let pdf = transmittance * facets.density(m) * facets.masking_over_cos(wo) * wo_m * jacobian;

@@ -23,12 +23,17 @@ pub(super) fn dielectric(cos: f32, eta: f32) -> Boundary {
         };
     }
     let cos_transmitted = cos_squared_transmitted.sqrt();
-    let perpendicular = (cos - eta * cos_transmitted) / (cos + eta * cos_transmitted);
-    let parallel = (eta * cos - cos_transmitted) / (eta * cos + cos_transmitted);
     Boundary {
-        reflectance: 0.5 * (sqr(perpendicular) + sqr(parallel)),
+        reflectance: reflectance(cos, cos_transmitted, eta),
         cos_transmitted,
     }
+}
+
+/// Share of the power that is reflected where both cosines are known, so that nothing cancels near the critical angle.
+pub(super) fn reflectance(cos: f32, cos_transmitted: f32, eta: f32) -> f32 {
+    let perpendicular = (cos - eta * cos_transmitted) / (cos + eta * cos_transmitted);
+    let parallel = (eta * cos - cos_transmitted) / (eta * cos + cos_transmitted);
+    0.5 * (sqr(perpendicular) + sqr(parallel))
 }
 
 /// Reflectance of a conductor of index `eta + i k`, relative to the exterior, at cosine `cos` >= 0, channel by channel

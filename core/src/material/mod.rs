@@ -15,6 +15,8 @@ mod diffuse;
 mod fresnel;
 pub mod ior;
 mod microfacet;
+#[cfg(test)]
+mod tests;
 
 use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;

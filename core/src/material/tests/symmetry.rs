@@ -1,0 +1,135 @@
+//! Relations between eval, pdf and sample that hold exactly but for rounding.
+
+use super::*;
+use crate::math::warp;
+
+/// Relative difference that rounding explains at the roughnesses tested.
+const ROUNDING: f32 = 2e-3;
+
+fn close(a: f32, b: f32) -> bool {
+    (a - b).abs() <= ROUNDING * a.abs().max(b.abs()) + 1e-6
+}
+
+fn random_pair(path: u64) -> (Vec3, Vec3) {
+    let mut random = random(path);
+    (
+        warp::square_to_sphere(random.next_2d()),
+        warp::square_to_sphere(random.next_2d()),
+    )
+}
+
+#[test]
+fn reflection_is_reciprocal() {
+    let mut compared = 0;
+    for (name, material) in scattering() {
+        for path in 0..20_000 {
+            let (a, b) = random_pair(path);
+            if a.z * b.z <= 0.0 {
+                continue;
+            }
+            for mode in MODES {
+                let (there, back) = (material.eval(UV, a, b, mode), material.eval(UV, b, a, mode));
+                assert!(
+                    (0..3).all(|c| close(there[c], back[c])),
+                    "{name}: {a} {b} {there:?} {back:?}"
+                );
+                compared += u32::from(!there.is_black());
+            }
+        }
+    }
+    assert!(compared > 100_000);
+}
+
+/// f(wo, wi, Radiance) = f(wi, wo, Flux) = f(wo, wi, Flux) / eta^2 (Veach 1997, section 5.2).
+#[test]
+fn refraction_has_its_adjoint() {
+    let mut compared = 0;
+    for (name, material) in scattering() {
+        let Material::RoughDielectric { eta, .. } = &material else {
+            continue;
+        };
+        for path in 0..40_000 {
+            let (a, b) = random_pair(path);
+            if a.z * b.z >= 0.0 {
+                continue;
+            }
+            let relative = if a.z > 0.0 { *eta } else { 1.0 / eta };
+            let radiance = material.eval(UV, a, b, TransportMode::Radiance)[0];
+            let flux = material.eval(UV, a, b, TransportMode::Flux)[0];
+            let adjoint = material.eval(UV, b, a, TransportMode::Flux)[0];
+            assert!(close(radiance, adjoint), "{name}: {a} {b} {radiance} {adjoint}");
+            assert!(
+                close(radiance, flux / (relative * relative)),
+                "{name}: {a} {b} {radiance} {flux}"
+            );
+            compared += u32::from(radiance > 0.0);
+        }
+    }
+    assert!(compared > 10_000, "{compared}");
+}
+
+#[test]
+fn samples_carry_what_eval_and_pdf_say() {
+    let mut compared = 0;
+    for (name, material) in scattering() {
+        for path in 0..5000 {
+            let (wo, _) = random_pair(path);
+            for mode in MODES {
+                let Some(sample) = draw(&material, wo, &mut random(path + 1_000_000), mode) else {
+                    continue;
+                };
+                let (f, pdf) = (material.eval(UV, wo, sample.wi, mode), material.pdf(UV, wo, sample.wi));
+                assert!((sample.wi.length() - 1.0).abs() < 1e-5 && !sample.delta);
+                assert!(close(sample.pdf, pdf), "{name}: {wo} {sample:?} {pdf}");
+                assert!(
+                    (0..3).all(|c| close(sample.f[c], f[c])),
+                    "{name}: {wo} {sample:?} {f:?}"
+                );
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 50_000);
+}
+
+#[test]
+fn relative_index_follows_the_side_and_the_branch() {
+    for material in [
+        glass(1.5),
+        rough_glass(1.5, facets(MicrofacetKind::Ggx, 0.2, 0.2), Spectrum::ONE),
+    ] {
+        for path in 0..2000 {
+            let (wo, _) = random_pair(path);
+            let Some(sample) = draw(&material, wo, &mut random(path), TransportMode::Flux) else {
+                continue;
+            };
+            let crossing = if wo.z > 0.0 { 1.5 } else { 1.0 / 1.5 };
+            let expected = if wo.z * sample.wi.z > 0.0 { 1.0 } else { crossing };
+            assert_eq!(sample.eta, expected, "{material:?} {wo} {sample:?}");
+        }
+    }
+}
+
+#[test]
+fn gloss_depends_on_the_side_that_is_seen() {
+    let rough = rough_mirror(facets(MicrofacetKind::Ggx, 0.05, 0.3));
+    let material = two_sided(mirror(), rough);
+    assert!(material.is_delta(Vec3::Z) && !material.is_delta(-Vec3::Z));
+    assert!(material.is_glossier_than(Vec3::Z, 0.0));
+    assert!(material.is_glossier_than(-Vec3::Z, 0.1) && !material.is_glossier_than(-Vec3::Z, 0.01));
+    let diffuse = Material::Diffuse { reflectance: WHITE };
+    assert!(!diffuse.is_delta(Vec3::Z) && !diffuse.is_glossier_than(Vec3::Z, 1e9));
+    assert!(Material::Null.is_delta(Vec3::Z) && glass(1.5).is_delta(Vec3::Z));
+}
+
+#[test]
+fn one_sided_materials_are_black_from_behind_and_do_not_transmit() {
+    let (up, down) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.6, 0.0, -0.8));
+    let rough = rough_mirror(facets(MicrofacetKind::Beckmann, 0.5, 0.5));
+    for material in [Material::Diffuse { reflectance: WHITE }, rough, mirror()] {
+        for (wo, wi) in [(up, down), (down, up), (down, down)] {
+            assert!(material.eval(UV, wo, wi, TransportMode::Radiance).is_black() && material.pdf(UV, wo, wi) == 0.0);
+        }
+        assert!(draw(&material, down, &mut random(1), TransportMode::Radiance).is_none());
+    }
+}
