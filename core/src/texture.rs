@@ -146,7 +146,7 @@ impl Bitmap {
 
 /// Whole and fractional part of a texel coordinate; absurd and undefined coordinates are brought into range.
 fn cell_of(x: f32) -> (i32, f32) {
-    let x = x.max(-1e9).min(1e9);
+    let x = if x.is_finite() { x.clamp(-1e9, 1e9) } else { 0.0 };
     let cell = x.floor();
     (cell as i32, x - cell)
 }

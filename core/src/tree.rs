@@ -64,7 +64,9 @@ impl Average {
     /// No nodes.
     pub fn finish(mut self) -> Result<Image, FilmError> {
         self.close_stretch()?;
-        let total = self.total.ok_or_else(|| FilmError::Size("no nodes to average".into()))?;
+        let total = self
+            .total
+            .ok_or_else(|| FilmError::Size("no nodes to average".into()))?;
         Ok(Image::from_sum(&total, self.iterations))
     }
 
@@ -120,7 +122,9 @@ mod tests {
         if level == 0 {
             return leaf(index);
         }
-        node(level - 1, 2 * index).merge(&node(level - 1, 2 * index + 1)).unwrap()
+        node(level - 1, 2 * index)
+            .merge(&node(level - 1, 2 * index + 1))
+            .unwrap()
     }
 
     fn maximal_nodes(leaves: u32) -> Vec<Node> {

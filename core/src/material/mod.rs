@@ -190,6 +190,10 @@ impl Material {
 
     /// Solid-angle density [1/sr] with which [`Self::sample`] returns `wi`, delta lobes left out; the same in both modes.
     #[must_use]
+    #[expect(
+        clippy::only_used_in_recursion,
+        reason = "roughness may vary over the surface: callers pass what eval and sample take"
+    )]
     pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
         match self {
             Self::Diffuse { .. } => diffuse::pdf(wo, wi),
