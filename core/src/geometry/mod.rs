@@ -9,12 +9,14 @@
 
 mod curved;
 mod hierarchy;
+mod sampling;
 mod surface;
 mod traversal;
 mod triangle;
 
 use crate::math::{Frame, Transform, Vec2, Vec3};
 use hierarchy::Hierarchy;
+pub use sampling::{ShapeSampler, TowardsSample};
 
 /// A ray; `direction` is unit length. Hits with distance in `(0, max_distance)` count: the origin has already been
 /// moved off its surface (see [`SurfacePoint::ray_towards`]).

@@ -1,6 +1,24 @@
-//! Lights.
-use crate::math::Vec3;
+//! Lights: evaluation, connections to them, and the start of light paths.
+//!
+//! Area lights emit on the side of [`SurfacePoint::geometric_normal`], and that normal gives the cosine of what they
+//! emit. All lights at infinity that fill directions (constant, environment) are treated as one background: a
+//! connection to any of them carries their sum, with the density of their mixture.
+
+mod background;
+mod environment;
+mod spot;
+#[cfg(test)]
+mod tests;
+
+use crate::geometry::{Geometry, Ray, ShapeId, ShapeSampler, SurfacePoint};
+use crate::math::warp::{square_to_cosine_hemisphere, square_to_disk, square_to_sphere};
+use crate::math::{Discrete, Frame, PI, Transform, Vec2, Vec3};
 use crate::spectrum::Spectrum;
+use crate::texture::{Bitmap, Texture};
+use background::Background;
+use environment::Environment;
+use spot::Spot;
+use std::sync::Arc;
 
 /// Index of a light in the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +44,7 @@ pub struct LightSample {
 #[derive(Clone, Copy, Debug)]
 pub struct EmissionSample {
     /// Ray away from the light, already off its surface.
-    pub ray: crate::geometry::Ray,
+    pub ray: Ray,
     /// Flux of the path: emitted radiance times cosine over the density of origin, direction and light choice [W].
     pub flux: Spectrum,
 }
@@ -36,91 +54,336 @@ pub struct EmissionSample {
 pub enum Light {
     /// A shape whose outer side emits `radiance` [W/(m^2 sr)] in every direction.
     Area {
-        shape: crate::geometry::ShapeId,
-        radiance: crate::texture::Texture,
+        /// The shape that emits.
+        shape: ShapeId,
+        /// Radiance, by the shape's texture coordinates.
+        radiance: Texture,
     },
     /// `intensity` [W/sr] in every direction from `position`.
-    Point { position: Vec3, intensity: Spectrum },
+    Point {
+        /// Place of the light [scene units].
+        position: Vec3,
+        /// Radiant intensity [W/sr].
+        intensity: Spectrum,
+    },
     /// Mitsuba's `spot`: full intensity within `beam_width`, falling linearly in angle to zero at `cutoff_angle` [radians].
     Spot {
-        to_world: crate::math::Transform,
+        /// Maps the origin to the light's place and +z to its axis.
+        to_world: Transform,
+        /// Radiant intensity on the axis [W/sr].
         intensity: Spectrum,
+        /// Angle from the axis beyond which there is no light [radians].
         cutoff_angle: f32,
+        /// Angle from the axis up to which intensity is full [radians].
         beam_width: f32,
     },
     /// `irradiance` [W/m^2] on a surface facing it, travelling along the unit vector `direction`.
-    Directional { direction: Vec3, irradiance: Spectrum },
+    Directional {
+        /// Unit direction in which light travels.
+        direction: Vec3,
+        /// Irradiance on a surface that faces the light [W/m^2].
+        irradiance: Spectrum,
+    },
     /// The same `radiance` from everywhere outside.
-    Constant { radiance: Spectrum },
+    Constant {
+        /// Radiance [W/(m^2 sr)].
+        radiance: Spectrum,
+    },
     /// Mitsuba's `envmap`: latitude-longitude image, `to_world` maps its frame (up is +y) to the world.
     Environment {
-        image: std::sync::Arc<crate::texture::Bitmap>,
+        /// Radiance [W/(m^2 sr)] before scaling; texels are finite and not negative.
+        image: Arc<Bitmap>,
+        /// Factor on the image.
         scale: f32,
-        to_world: crate::math::Transform,
+        /// Frame of the image to the world.
+        to_world: Transform,
     },
 }
 
 /// The scene's lights, and the probability with which each is chosen: in proportion to its power.
 #[derive(Debug)]
-pub struct Lights {}
+pub struct Lights {
+    sources: Vec<Source>,
+    choice: Discrete,
+    /// Probability of each source.
+    probabilities: Vec<f32>,
+    world: World,
+}
+
+/// A light with what sampling it takes.
+#[derive(Debug)]
+enum Source {
+    Area { sampler: ShapeSampler, radiance: Texture },
+    Point { position: Vec3, intensity: Spectrum },
+    Spot(Spot),
+    Directional { direction: Vec3, irradiance: Spectrum },
+    Background(Background),
+}
+
+/// A sphere around the scene: what distant lights shine through.
+#[derive(Clone, Copy, Debug)]
+struct World {
+    center: Vec3,
+    radius: f32,
+}
+
+impl World {
+    fn new(geometry: &Geometry) -> Self {
+        let (lower, upper) = geometry.bounds();
+        let radius = 0.5 * (upper - lower).length() * (1.0 + 1e-4);
+        Self {
+            center: 0.5 * (lower + upper),
+            radius: if radius > 0.0 { radius } else { 1.0 },
+        }
+    }
+
+    /// Area of the disc that faces any direction.
+    fn cross_section(&self) -> f32 {
+        PI * self.radius * self.radius
+    }
+
+    /// A ray along `direction` from before the sphere, its origin uniform on that disc.
+    fn ray(&self, direction: Vec3, u: Vec2) -> Ray {
+        let offset = (square_to_disk(u) * self.radius).extend(-self.radius);
+        let origin = self.center + Frame::from_normal(direction).to_world(offset);
+        Ray {
+            origin,
+            direction,
+            max_distance: f32::INFINITY,
+        }
+    }
+}
+
+/// The mean of a texture over its image, for the power of a light.
+fn mean_luminance(texture: &Texture) -> f32 {
+    match texture {
+        Texture::Constant(value) => value.luminance(),
+        Texture::Checkerboard { even, odd, .. } => 0.5 * (even.luminance() + odd.luminance()),
+        Texture::Bitmap(bitmap, _) => {
+            let sum: f64 = bitmap.texels.iter().map(|texel| f64::from(texel.luminance())).sum();
+            (sum / bitmap.texels.len().max(1) as f64) as f32
+        }
+    }
+}
+
+impl Source {
+    fn new(light: Light, geometry: &Geometry) -> Self {
+        match light {
+            Light::Area { shape, radiance } => Self::Area {
+                sampler: ShapeSampler::new(geometry, shape),
+                radiance,
+            },
+            Light::Point { position, intensity } => Self::Point { position, intensity },
+            Light::Spot {
+                to_world,
+                intensity,
+                cutoff_angle,
+                beam_width,
+            } => Self::Spot(Spot::new(&to_world, intensity, cutoff_angle, beam_width)),
+            Light::Directional { direction, irradiance } => Self::Directional { direction, irradiance },
+            Light::Constant { radiance } => Self::Background(Background::Constant(radiance)),
+            Light::Environment { image, scale, to_world } => {
+                Self::Background(Background::Environment(Environment::new(image, scale, &to_world)))
+            }
+        }
+    }
+
+    /// Luminous part of the power that enters the scene.
+    fn power(&self, world: &World) -> f32 {
+        match self {
+            Self::Area { sampler, radiance } => mean_luminance(radiance) * PI * sampler.area(),
+            Self::Point { intensity, .. } => intensity.luminance() * 4.0 * PI,
+            Self::Spot(spot) => spot.power(),
+            Self::Directional { irradiance, .. } => irradiance.luminance() * world.cross_section(),
+            Self::Background(background) => background.mean_luminance() * 4.0 * PI * world.cross_section(),
+        }
+    }
+
+    /// Flux of a light path over the probability of choosing the source, and its ray.
+    fn emit(&self, geometry: &Geometry, world: &World, u: Vec2, v: Vec2) -> Option<EmissionSample> {
+        let (ray, flux) = match self {
+            Self::Area { sampler, radiance } => {
+                let point = sampler.sample(geometry, u)?;
+                let direction = Frame::from_normal(point.geometric_normal).to_world(square_to_cosine_hemisphere(v));
+                let ray = point.ray_towards(direction.normalize());
+                (ray, radiance.eval(point.uv) * (PI * sampler.area()))
+            }
+            Self::Point { position, intensity } => {
+                let ray = Ray {
+                    origin: *position,
+                    direction: square_to_sphere(v),
+                    max_distance: f32::INFINITY,
+                };
+                (ray, *intensity * (4.0 * PI))
+            }
+            Self::Spot(spot) => spot.emit(v),
+            Self::Directional { direction, irradiance } => {
+                (world.ray(*direction, u), *irradiance * world.cross_section())
+            }
+            Self::Background(background) => {
+                let towards = background.sample(v)?;
+                let pdf = background.pdf(towards);
+                if pdf <= 0.0 {
+                    return None;
+                }
+                let ray = world.ray(-towards, u);
+                (ray, background.radiance(towards) * (world.cross_section() / pdf))
+            }
+        };
+        Some(EmissionSample { ray, flux })
+    }
+}
 
 impl Lights {
     /// Builds the distributions. `geometry` gives area lights their shapes and distant lights the scene's bounds.
     #[must_use]
-    pub fn build(_lights: Vec<Light>, _geometry: &crate::geometry::Geometry) -> Self {
-        unimplemented!()
+    pub fn build(lights: Vec<Light>, geometry: &Geometry) -> Self {
+        let world = World::new(geometry);
+        let sources: Vec<Source> = lights.into_iter().map(|light| Source::new(light, geometry)).collect();
+        let powers: Vec<f64> = sources
+            .iter()
+            .map(|source| f64::from(source.power(&world).max(0.0)))
+            .collect();
+        let choice = Discrete::new(powers.iter().copied());
+        let total = choice.total();
+        let share = |power: &f64| if total > 0.0 { (power / total) as f32 } else { 0.0 };
+        Self {
+            sources,
+            probabilities: powers.iter().map(share).collect(),
+            choice,
+            world,
+        }
     }
+
     /// Whether there is no light.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        unimplemented!()
+        self.sources.is_empty()
     }
+
     /// Connects `from` with a light. `choice` selects the light, `u` the point on it. `None` where nothing can arrive.
     #[must_use]
-    pub fn sample_direct(
-        &self,
-        _geometry: &crate::geometry::Geometry,
-        _from: Vec3,
-        _choice: f32,
-        _u: crate::math::Vec2,
-    ) -> Option<LightSample> {
-        unimplemented!()
+    pub fn sample_direct(&self, geometry: &Geometry, from: Vec3, choice: f32, u: Vec2) -> Option<LightSample> {
+        let (index, _) = self.choice.sample(choice)?;
+        let probability = self.probabilities[index];
+        let towards = |position: Vec3| {
+            let offset = position - from;
+            let distance = offset.length();
+            (distance > 0.0).then(|| (offset / distance, distance))
+        };
+        let delta = |wi, distance, radiance| LightSample {
+            wi,
+            distance,
+            radiance,
+            pdf: probability,
+            delta: true,
+        };
+        let sample = match &self.sources[index] {
+            Source::Area { sampler, radiance } => {
+                let towards = sampler.sample_towards(geometry, from, u)?;
+                if !emits_along(&towards.point, -towards.direction) {
+                    return None;
+                }
+                let radiance = radiance.eval(towards.point.uv);
+                let pdf = towards.pdf * probability;
+                LightSample {
+                    wi: towards.direction,
+                    distance: towards.distance,
+                    radiance,
+                    pdf,
+                    delta: false,
+                }
+            }
+            Source::Point { position, intensity } => {
+                let (wi, distance) = towards(*position)?;
+                delta(wi, distance, *intensity / (distance * distance))
+            }
+            Source::Spot(spot) => {
+                let (wi, distance) = towards(spot.position())?;
+                delta(wi, distance, spot.intensity(-wi) / (distance * distance))
+            }
+            Source::Directional { direction, irradiance } => delta(-*direction, f32::INFINITY, *irradiance),
+            Source::Background(background) => {
+                let wi = background.sample(u)?;
+                let (radiance, pdf) = (self.background(wi), self.pdf_background(wi));
+                LightSample {
+                    wi,
+                    distance: f32::INFINITY,
+                    radiance,
+                    pdf,
+                    delta: false,
+                }
+            }
+        };
+        (sample.pdf > 0.0 && !sample.radiance.is_black()).then_some(sample)
     }
+
     /// Density [1/sr, choice of light included] with which [`Self::sample_direct`] at `from` returns the direction to `hit`, a point on the area light `light`.
     #[must_use]
-    pub fn pdf_area(
-        &self,
-        _geometry: &crate::geometry::Geometry,
-        _light: LightId,
-        _from: Vec3,
-        _hit: &crate::geometry::SurfacePoint,
-    ) -> f32 {
-        unimplemented!()
+    pub fn pdf_area(&self, _geometry: &Geometry, light: LightId, from: Vec3, hit: &SurfacePoint) -> f32 {
+        match &self.sources[light.0 as usize] {
+            Source::Area { sampler, .. } if emits_along(hit, from - hit.position) => {
+                sampler.pdf_towards(from, hit) * self.probabilities[light.0 as usize]
+            }
+            _ => 0.0,
+        }
     }
+
     /// Radiance that the area light `light` emits at `hit` along the unit vector `wo`.
     #[must_use]
-    pub fn emitted(&self, _light: LightId, _hit: &crate::geometry::SurfacePoint, _wo: Vec3) -> Spectrum {
-        unimplemented!()
+    pub fn emitted(&self, light: LightId, hit: &SurfacePoint, wo: Vec3) -> Spectrum {
+        match &self.sources[light.0 as usize] {
+            Source::Area { radiance, .. } if emits_along(hit, wo) => radiance.eval(hit.uv),
+            _ => Spectrum::ZERO,
+        }
     }
+
     /// Radiance that arrives from outside the scene along a ray of unit `direction` that hits nothing; the sum over distant lights.
     #[must_use]
-    pub fn background(&self, _direction: Vec3) -> Spectrum {
-        unimplemented!()
+    pub fn background(&self, direction: Vec3) -> Spectrum {
+        self.backgrounds()
+            .map(|(_, background)| background.radiance(direction))
+            .sum()
     }
+
     /// Density [1/sr, choice of light included] with which [`Self::sample_direct`] returns `direction` from the background lights.
     #[must_use]
-    pub fn pdf_background(&self, _direction: Vec3) -> f32 {
-        unimplemented!()
+    pub fn pdf_background(&self, direction: Vec3) -> f32 {
+        self.backgrounds()
+            .map(|(probability, background)| probability * background.pdf(direction))
+            .sum()
     }
-    /// Starts a light path.
+
+    /// Starts a light path. `None` where the path would carry nothing.
     #[must_use]
     pub fn sample_emission(
         &self,
-        _geometry: &crate::geometry::Geometry,
-        _choice: f32,
-        _u_position: crate::math::Vec2,
-        _u_direction: crate::math::Vec2,
+        geometry: &Geometry,
+        choice: f32,
+        u_position: Vec2,
+        u_direction: Vec2,
     ) -> Option<EmissionSample> {
-        unimplemented!()
+        let (index, _) = self.choice.sample(choice)?;
+        let EmissionSample { ray, flux } = self.sources[index].emit(geometry, &self.world, u_position, u_direction)?;
+        (!flux.is_black()).then(|| EmissionSample {
+            ray,
+            flux: flux / self.probabilities[index],
+        })
     }
+
+    /// The lights that fill directions at infinity, each with its probability.
+    fn backgrounds(&self) -> impl Iterator<Item = (f32, &Background)> {
+        self.sources
+            .iter()
+            .zip(&self.probabilities)
+            .filter_map(|(source, probability)| match source {
+                Source::Background(background) => Some((*probability, background)),
+                _ => None,
+            })
+    }
+}
+
+/// Whether the outer side of the surface looks along `wo`.
+fn emits_along(point: &SurfacePoint, wo: Vec3) -> bool {
+    point.geometric_normal.dot(wo) > 0.0
 }

@@ -1,0 +1,47 @@
+use super::environment::Environment;
+use crate::math::warp::square_to_sphere;
+use crate::math::{FRAC_1_PI, Vec2, Vec3};
+use crate::spectrum::Spectrum;
+
+/// A light at infinity that fills directions. Directions are unit vectors towards it.
+#[derive(Debug)]
+pub(super) enum Background {
+    /// The same radiance from everywhere.
+    Constant(Spectrum),
+    /// An image.
+    Environment(Environment),
+}
+
+impl Background {
+    /// Radiance that arrives from `direction` [W/(m^2 sr)].
+    pub(super) fn radiance(&self, direction: Vec3) -> Spectrum {
+        match self {
+            Self::Constant(radiance) => *radiance,
+            Self::Environment(environment) => environment.radiance(direction),
+        }
+    }
+
+    /// A direction with density [`Self::pdf`].
+    pub(super) fn sample(&self, u: Vec2) -> Option<Vec3> {
+        match self {
+            Self::Constant(_) => Some(square_to_sphere(u)),
+            Self::Environment(environment) => environment.sample(u),
+        }
+    }
+
+    /// Solid-angle density [1/sr].
+    pub(super) fn pdf(&self, direction: Vec3) -> f32 {
+        match self {
+            Self::Constant(_) => 0.25 * FRAC_1_PI,
+            Self::Environment(environment) => environment.pdf(direction),
+        }
+    }
+
+    /// Luminance averaged over the sphere.
+    pub(super) fn mean_luminance(&self) -> f32 {
+        match self {
+            Self::Constant(radiance) => radiance.luminance(),
+            Self::Environment(environment) => environment.mean_luminance(),
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Environment maps.
+//!
+//! The image is a grid of values at (longitude, colatitude) nodes, interpolated bilinearly as in Mitsuba: column `i`
+//! of `w` lies at longitude `2 pi (i + 1/2) / w`, row `j` of `h` at colatitude `pi j / (h - 1)`. Sampling chooses a
+//! cell between four nodes in proportion to its mean luminance times the sine of its middle colatitude, then a point
+//! within it in proportion to the interpolated luminance. So the density follows the looked-up radiance but for the
+//! sine within one cell.
+
+use crate::math::{Discrete, PI, TAU, Transform, Vec2, Vec3, atan2, sin, sin_cos};
+use crate::spectrum::Spectrum;
+use crate::texture::Bitmap;
+use std::sync::Arc;
+
+/// A latitude-longitude image around the scene, up is +y.
+#[derive(Debug)]
+pub(super) struct Environment {
+    image: Arc<Bitmap>,
+    scale: f32,
+    to_local: Transform,
+    /// Absolute determinant of the linear part of `to_local`; one for a rotation.
+    determinant: f32,
+    /// Chooses a row of cells, and in each row a cell.
+    rows: Discrete,
+    columns: Vec<Discrete>,
+}
+
+/// A place in the grid.
+struct Place {
+    column: usize,
+    row: usize,
+    /// Within the cell, in [0, 1].
+    within: Vec2,
+    /// Sine of the colatitude.
+    sine: f32,
+    /// Density of world directions per local direction.
+    stretch: f32,
+}
+
+/// Rows of cells of an image: at least one, also where the image is a single row.
+fn rows_of_cells(image: &Bitmap) -> usize {
+    (image.height - 1).max(1)
+}
+
+/// The four nodes of a cell: upper left and right, lower left and right.
+fn corners(image: &Bitmap, column: usize, row: usize) -> [Spectrum; 4] {
+    let right = if column + 1 < image.width { column + 1 } else { 0 };
+    let upper = row * image.width;
+    let lower = (row + 1).min(image.height - 1) * image.width;
+    [upper + column, upper + right, lower + column, lower + right].map(|i| image.texels[i])
+}
+
+fn luminances(image: &Bitmap, column: usize, row: usize) -> [f32; 4] {
+    corners(image, column, row).map(|texel| texel.luminance().max(0.0))
+}
+
+fn middle_sine(image: &Bitmap, row: usize) -> f32 {
+    sin(PI * (row as f32 + 0.5) / rows_of_cells(image) as f32)
+}
+
+/// The point of [0, 1] at which the integral of the line from `a` to `b` reaches the part `u`.
+fn sample_line(a: f32, b: f32, u: f32) -> f32 {
+    let denominator = a + (a * a + (b * b - a * a) * u).max(0.0).sqrt();
+    if denominator > 0.0 {
+        (u * (a + b) / denominator).min(1.0)
+    } else {
+        u
+    }
+}
+
+impl Environment {
+    /// `image` has at least one texel.
+    pub(super) fn new(image: Arc<Bitmap>, scale: f32, to_world: &Transform) -> Self {
+        let to_local = to_world.inverted();
+        let columns: Vec<Discrete> = (0..rows_of_cells(&image))
+            .map(|row| {
+                let sine = f64::from(middle_sine(&image, row));
+                let mean = |column| f64::from(luminances(&image, column, row).into_iter().sum::<f32>()) / 4.0;
+                Discrete::new((0..image.width).map(|column| mean(column) * sine))
+            })
+            .collect();
+        let rows = Discrete::new(columns.iter().map(Discrete::total));
+        let determinant = to_local.matrix().determinant().abs() as f32;
+        Self {
+            image,
+            scale,
+            to_local,
+            determinant,
+            rows,
+            columns,
+        }
+    }
+
+    /// Number of cells.
+    fn cells(&self) -> f32 {
+        (self.columns.len() * self.image.width) as f32
+    }
+
+    fn place(&self, direction: Vec3) -> Place {
+        let local = self.to_local.vector(direction);
+        let length = local.length();
+        let local = local / length;
+        let sine = (local.x * local.x + local.z * local.z).sqrt();
+        let turn = atan2(local.x, -local.z) / TAU;
+        let width = self.image.width as f32;
+        let x = turn * width - 0.5;
+        let x = if x < 0.0 { x + width } else { x };
+        let y = atan2(sine, local.y) / PI * self.columns.len() as f32;
+        let column = (x as usize).min(self.image.width - 1);
+        let row = (y as usize).min(self.columns.len() - 1);
+        let within = Vec2::new(x - column as f32, y - row as f32).clamp(Vec2::ZERO, Vec2::ONE);
+        Place {
+            column,
+            row,
+            within,
+            sine,
+            stretch: self.determinant / (length * length * length),
+        }
+    }
+
+    /// Radiance that arrives from `direction`.
+    pub(super) fn radiance(&self, direction: Vec3) -> Spectrum {
+        let Place {
+            column, row, within, ..
+        } = self.place(direction);
+        let [a, b, c, d] = corners(&self.image, column, row);
+        let upper = a * (1.0 - within.x) + b * within.x;
+        let lower = c * (1.0 - within.x) + d * within.x;
+        (upper * (1.0 - within.y) + lower * within.y) * self.scale
+    }
+
+    /// A direction with density [`Self::pdf`]; `None` for a black image.
+    pub(super) fn sample(&self, u: Vec2) -> Option<Vec3> {
+        let (row, rest_y) = self.rows.sample(u.y)?;
+        let (column, rest_x) = self.columns[row].sample(u.x)?;
+        let [a, b, c, d] = luminances(&self.image, column, row);
+        let y = sample_line(a + b, c + d, rest_y);
+        let x = sample_line(a + (c - a) * y, b + (d - b) * y, rest_x);
+        let phi = TAU * (column as f32 + x + 0.5) / self.image.width as f32;
+        let theta = PI * (row as f32 + y) / self.columns.len() as f32;
+        let (sin_phi, cos_phi) = sin_cos(phi);
+        let (sin_theta, cos_theta) = sin_cos(theta);
+        let local = Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi);
+        Some(self.to_local.inverted().vector(local).normalize())
+    }
+
+    /// Solid-angle density [1/sr]: that of the grid's unit square over `2 pi^2 sin(theta)`.
+    pub(super) fn pdf(&self, direction: Vec3) -> f32 {
+        let place = self.place(direction);
+        let total = self.rows.total() as f32;
+        if total <= 0.0 || place.sine <= 0.0 {
+            return 0.0;
+        }
+        let [a, b, c, d] = luminances(&self.image, place.column, place.row);
+        let Vec2 { x, y } = place.within;
+        let luminance = (a * (1.0 - x) + b * x) * (1.0 - y) + (c * (1.0 - x) + d * x) * y;
+        let grid = luminance * middle_sine(&self.image, place.row) / total * self.cells();
+        grid / (2.0 * PI * PI * place.sine) * place.stretch
+    }
+
+    /// Luminance averaged over the sphere, by the middle of each cell.
+    pub(super) fn mean_luminance(&self) -> f32 {
+        let mean = self.rows.total() as f32 / self.cells();
+        mean * 0.5 * PI * self.scale
+    }
+}

@@ -1,0 +1,322 @@
+use super::*;
+use crate::chi_square::{assert_directions, integrate_sphere};
+
+fn draw(lights: &Lights, geometry: &Geometry, from: Vec3, random: &mut PathRandom) -> Option<LightSample> {
+    lights.sample_direct(geometry, from, random.next(), random.next_2d())
+}
+
+/// The density that path tracing would compute for the direction it happens to follow.
+fn density(lights: &Lights, geometry: &Geometry, from: Vec3, direction: Vec3) -> f32 {
+    let ray = Ray {
+        origin: from,
+        direction,
+        max_distance: f32::INFINITY,
+    };
+    match geometry.intersect(&ray) {
+        Some(hit) => lights.pdf_area(geometry, LightId(hit.shape.0), from, &hit),
+        None => lights.pdf_background(direction),
+    }
+}
+
+fn check_directions(label: &str, shapes: Vec<Shape>, lights: Vec<Light>, from: Vec3) {
+    let geometry = Geometry::build(shapes);
+    let lights = Lights::build(lights, &geometry);
+    assert_directions(
+        label,
+        FAMILY,
+        |random| draw(&lights, &geometry, from, random).map(|sample| sample.wi),
+        |direction| density(&lights, &geometry, from, direction),
+    );
+}
+
+#[test]
+fn directions_to_area_lights_match_their_density() {
+    let at = Vec3::new(0.3, -0.2, 1.0);
+    let from = Vec3::new(0.1, 0.2, -0.4);
+    let toward = from - at;
+    check_directions(
+        "mesh",
+        vec![patch(at, toward + Vec3::X)],
+        vec![area_light(0, 1.0)],
+        from,
+    );
+    let oval = disk(at, toward + Vec3::Y, Vec3::new(0.5, 1.2, 3.0));
+    check_directions("disk", vec![oval], vec![area_light(0, 1.0)], from);
+    check_directions("sphere", vec![sphere(at, 0.9, false)], vec![area_light(0, 1.0)], from);
+    check_directions(
+        "near sphere",
+        vec![sphere(at, 1.4, false)],
+        vec![area_light(0, 1.0)],
+        from,
+    );
+    check_directions(
+        "sphere from inside",
+        vec![sphere(at, 3.0, true)],
+        vec![area_light(0, 1.0)],
+        from,
+    );
+    let two = vec![sphere(at, 0.6, false), disk(-at, from + at, Vec3::ONE)];
+    check_directions("two lights", two, vec![area_light(0, 1.0), area_light(1, 3.0)], from);
+}
+
+#[test]
+fn directions_to_backgrounds_match_their_density() {
+    let from = Vec3::new(0.1, 0.2, -0.4);
+    let constant = || Light::Constant { radiance: gray(0.5) };
+    check_directions("constant", vec![], vec![constant()], from);
+    check_directions("environment", vec![], vec![environment(16, 9)], from);
+    check_directions("environment of one row", vec![], vec![environment(7, 1)], from);
+    check_directions(
+        "environment and constant",
+        vec![],
+        vec![environment(8, 6), constant(), constant()],
+        from,
+    );
+    let Light::Environment { image, scale, .. } = environment(8, 6) else {
+        unreachable!()
+    };
+    let to_world = facing(Vec3::ZERO, Vec3::X, Vec3::new(1.0, -2.0, 1.5));
+    let stretched = Light::Environment { image, scale, to_world };
+    check_directions("stretched environment", vec![], vec![stretched], from);
+}
+
+/// What a connection says of a point on an area light, a ray that hits that point says too.
+#[test]
+fn connections_and_hits_agree() {
+    let from = Vec3::new(0.1, 0.2, -0.4);
+    let at = Vec3::new(0.3, -0.2, 3.0);
+    let shapes = vec![
+        patch(at, -Vec3::Z),
+        sphere(at + Vec3::X * 3.0, 0.7, false),
+        disk(-at, at + from, Vec3::ONE),
+    ];
+    let geometry = Geometry::build(shapes);
+    let lights = Lights::build((0..3).map(|i| area_light(i, 1.0 + i as f32)).collect(), &geometry);
+    let mut random = random(2);
+    let (mut seen, mut at_edges) = ([0; 3], 0);
+    for _ in 0..20_000 {
+        let Some(sample) = draw(&lights, &geometry, from, &mut random) else {
+            continue;
+        };
+        let ray = Ray {
+            origin: from,
+            direction: sample.wi,
+            max_distance: f32::INFINITY,
+        };
+        let Some(hit) = geometry.intersect(&ray) else { continue };
+        let light = LightId(hit.shape.0);
+        let pdf = lights.pdf_area(&geometry, light, from, &hit);
+        if (hit.distance - sample.distance).abs() > 1e-3 * sample.distance {
+            at_edges += 1;
+            continue;
+        }
+        seen[hit.shape.0 as usize] += 1;
+        assert!((pdf - sample.pdf).abs() <= 2e-3 * sample.pdf, "{pdf} and {sample:?}");
+        assert_eq!(lights.emitted(light, &hit, -sample.wi), sample.radiance);
+    }
+    assert!(
+        seen.iter().all(|count| *count > 1_000) && at_edges < 20,
+        "{seen:?}, {at_edges}"
+    );
+}
+
+/// Irradiance on a receiver at the origin that faces +z.
+fn irradiance(shape: Shape, radiance: f32) -> (f64, f64) {
+    let geometry = Geometry::build(vec![shape]);
+    let lights = Lights::build(vec![area_light(0, radiance)], &geometry);
+    let mut random = random(3);
+    mean(200_000, || {
+        draw(&lights, &geometry, Vec3::ZERO, &mut random)
+            .map_or(0.0, |s| f64::from(s.radiance.mean() * s.wi.z.max(0.0) / s.pdf))
+    })
+}
+
+#[test]
+fn irradiance_has_its_closed_form() {
+    let (height, radius) = (1.5_f32, 0.8_f32);
+    let above = Vec3::Z * height;
+    // E = pi L r^2 / (r^2 + h^2) under a disc, pi L (r / d)^2 under a sphere.
+    let under_disc = std::f64::consts::PI * 2.0 * 0.64 / (0.64 + 2.25);
+    let disc = disk(above, -Vec3::Z, Vec3::new(radius, radius, 1.0));
+    assert_mean("disc", irradiance(disc, 2.0), under_disc);
+    let under_sphere = std::f64::consts::PI * 2.0 * 0.64 / 2.25;
+    assert_mean("sphere", irradiance(sphere(above, radius, false), 2.0), under_sphere);
+    // A sphere around the receiver fills its hemisphere: E = pi L.
+    assert_mean(
+        "enclosure",
+        irradiance(sphere(Vec3::Y, 3.0, true), 2.0),
+        std::f64::consts::TAU,
+    );
+    // Lambert's formula for a polygon: E = L / 2 sum_i angle_i cos(normal of edge plane i, z).
+    let Shape::Mesh(mesh) = patch(Vec3::new(0.2, 0.3, height), -Vec3::Z) else {
+        unreachable!()
+    };
+    let corners: Vec<DVec3> = mesh.positions[1..].iter().map(|p| p.as_dvec3().normalize()).collect();
+    let polygon: f64 = (0..4)
+        .map(|i| {
+            let (a, b) = (corners[i], corners[(i + 1) % 4]);
+            libm::acos(a.dot(b)) * a.cross(b).normalize().z
+        })
+        .sum();
+    assert_mean("mesh", irradiance(Shape::Mesh(mesh), 2.0), polygon.abs());
+}
+
+#[test]
+fn area_lights_emit_on_their_outer_side_only() {
+    let geometry = Geometry::build(vec![disk(Vec3::ZERO, Vec3::Z, Vec3::ONE)]);
+    let lights = Lights::build(vec![area_light(0, 2.0)], &geometry);
+    let mut random = random(4);
+    for _ in 0..100 {
+        assert!(draw(&lights, &geometry, Vec3::new(0.3, 0.2, -1.0), &mut random).is_none());
+        assert!(draw(&lights, &geometry, Vec3::new(0.3, 0.2, 1.0), &mut random).is_some());
+    }
+    let down = Ray {
+        origin: Vec3::new(0.1, 0.1, 1.0),
+        direction: -Vec3::Z,
+        max_distance: f32::INFINITY,
+    };
+    let hit = geometry.intersect(&down).unwrap();
+    assert_eq!(lights.emitted(LightId(0), &hit, Vec3::Z), gray(2.0));
+    assert_eq!(lights.emitted(LightId(0), &hit, -Vec3::Z), Spectrum::ZERO);
+    assert_eq!(lights.pdf_area(&geometry, LightId(0), -Vec3::Z, &hit), 0.0);
+}
+
+/// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Emitter.sample_direction` of the same light.
+#[test]
+fn a_spot_is_that_of_mitsuba() {
+    let matrix = DMat4::from_cols(
+        DVec4::new(0.812_031_7, 0.035_305_73, -0.582_544_5, 0.0),
+        DVec4::new(0.275_497_17, 0.856_765_87, 0.435_951_53, 0.0),
+        DVec4::new(0.514_495_8, -0.514_495_8, 0.685_994_4, 0.0),
+        DVec4::new(1.0, 2.0, 3.0, 1.0),
+    );
+    let spot = Light::Spot {
+        to_world: Transform::from_matrix(matrix).unwrap(),
+        intensity: gray(3.0),
+        cutoff_angle: 40.0_f32.to_radians(),
+        beam_width: 25.0_f32.to_radians(),
+    };
+    let geometry = Geometry::build(Vec::new());
+    let lights = Lights::build(vec![spot], &geometry);
+    for (at, expected) in [
+        (Vec3::new(4.0, -1.0, 7.0), 0.088_235_304),
+        (Vec3::new(4.0, 0.0, 7.0), 0.103_448_27),
+        (Vec3::new(3.0, 2.0, 7.0), 0.075_288_154),
+        (Vec3::new(5.0, 1.0, 4.0), 0.001_969_599_6),
+    ] {
+        let sample = lights.sample_direct(&geometry, at, 0.5, Vec2::splat(0.5)).unwrap();
+        assert!(
+            (sample.radiance[0] - expected).abs() < 2e-5 * expected.max(0.1),
+            "{sample:?}, {expected}"
+        );
+        assert!(sample.delta && sample.pdf == 1.0);
+        assert!((at + sample.wi * sample.distance - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-5);
+    }
+    assert!(
+        lights
+            .sample_direct(&geometry, Vec3::ZERO, 0.5, Vec2::splat(0.5))
+            .is_none(),
+        "behind the spot"
+    );
+}
+
+#[test]
+fn points_and_directional_lights_have_their_closed_form() {
+    let geometry = Geometry::build(vec![sphere(Vec3::ZERO, 1.0, false)]);
+    let point = Light::Point {
+        position: Vec3::new(0.0, 0.0, 4.0),
+        intensity: gray(8.0),
+    };
+    let sun = Light::Directional {
+        direction: -Vec3::Y,
+        irradiance: gray(1.5),
+    };
+    let lights = Lights::build(vec![point, sun], &geometry);
+    let share = 8.0 * 4.0 / (8.0 * 4.0 + 1.5 * 3.0);
+    let sample = lights.sample_direct(&geometry, Vec3::Z * 2.0, 0.0, Vec2::ZERO).unwrap();
+    assert_eq!((sample.wi, sample.distance, sample.radiance), (Vec3::Z, 2.0, gray(2.0)));
+    assert!((sample.pdf - share).abs() < 1e-3 && sample.delta);
+    let sample = lights
+        .sample_direct(&geometry, Vec3::Z * 2.0, 0.999, Vec2::ZERO)
+        .unwrap();
+    assert_eq!(
+        (sample.wi, sample.distance, sample.radiance),
+        (Vec3::Y, f32::INFINITY, gray(1.5))
+    );
+    assert!((sample.pdf - (1.0 - share)).abs() < 1e-3 && sample.delta);
+    assert_eq!(lights.background(Vec3::Y), Spectrum::ZERO);
+}
+
+/// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Emitter.eval` of the same map.
+#[test]
+fn an_environment_is_looked_up_as_in_mitsuba() {
+    let matrix = DMat4::from_cols(
+        DVec4::new(0.766_044_44, 0.0, -0.642_787_6, 0.0),
+        DVec4::new(0.271_653_77, 0.906_307_76, 0.323_744_4, 0.0),
+        DVec4::new(0.582_563_34, -0.422_618_27, 0.694_272_04, 0.0),
+        DVec4::W,
+    );
+    let texels = (0..12).map(|i| gray((i % 4 + 10 * (i / 4) + 1) as f32)).collect();
+    let image = Bitmap {
+        width: 4,
+        height: 3,
+        texels,
+        wrap: WrapMode::Repeat,
+        filter: TextureFilter::Bilinear,
+    };
+    let to_world = Transform::from_matrix(matrix).unwrap();
+    let light = Light::Environment {
+        image: Arc::new(image),
+        scale: 2.0,
+        to_world,
+    };
+    let lights = Lights::build(vec![light], &Geometry::build(Vec::new()));
+    for (direction, expected) in [
+        (Vec3::new(0.48, 0.6, 0.64), 11.382_643),
+        (Vec3::new(-0.36, -0.48, 0.8), 29.758_82),
+        (Vec3::new(0.0, 0.96, -0.28), 12.507_84),
+        (Vec3::new(-0.6, -0.64, -0.48), 40.553_223),
+    ] {
+        let value = lights.background(direction)[1];
+        assert!(
+            (value - expected).abs() < 1e-5 * expected,
+            "{direction}: {value}, {expected}"
+        );
+    }
+}
+
+#[test]
+fn sampled_environments_have_the_integral_of_their_image() {
+    let geometry = Geometry::build(Vec::new());
+    let lights = Lights::build(
+        vec![environment(16, 9), Light::Constant { radiance: gray(0.5) }],
+        &geometry,
+    );
+    let mut random = random(5);
+    let sampled = mean(100_000, || {
+        let sample = draw(&lights, &geometry, Vec3::ONE, &mut random).expect("no direction is black");
+        f64::from(sample.radiance[0] / sample.pdf)
+    });
+    assert_mean("integral", sampled, integral_of_radiance(&lights, 0));
+    assert!(sampled.1 < 0.01 * sampled.0, "samples follow the image: {sampled:?}");
+
+    let black = Bitmap {
+        texels: vec![Spectrum::ZERO; 12],
+        width: 4,
+        height: 3,
+        ..(*image(4, 3)).clone()
+    };
+    let light = Light::Environment {
+        image: Arc::new(black),
+        scale: 1.0,
+        to_world: Transform::default(),
+    };
+    let lights = Lights::build(vec![light], &geometry);
+    assert!(draw(&lights, &geometry, Vec3::ONE, &mut random).is_none());
+    assert_eq!(lights.pdf_background(Vec3::X), 0.0);
+}
+
+/// Integral over the sphere of the radiance from outside.
+pub(super) fn integral_of_radiance(lights: &Lights, channel: usize) -> f64 {
+    integrate_sphere(|direction| f64::from(lights.background(direction)[channel]))
+}

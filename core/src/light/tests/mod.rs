@@ -1,0 +1,120 @@
+//! Tests of the lights, and the scenes they use.
+
+mod direct;
+mod emission;
+
+use super::*;
+use crate::geometry::{Shape, TriangleMesh};
+use crate::random::{PathRandom, Stream};
+use crate::texture::{TextureFilter, WrapMode};
+use glam::{DMat4, DVec3, DVec4};
+
+/// Chi-square tests of this module, for Sidak's correction.
+const FAMILY: usize = 18;
+/// Deviations that a z-test allows: a false alarm has probability 6.3e-5 each, fixed by the seed.
+const DEVIATIONS: f64 = 4.0;
+
+fn gray(value: f32) -> Spectrum {
+    Spectrum::splat(value)
+}
+
+/// A right-handed frame at `origin` whose z axis is `axis`, scaled by `scale`.
+fn facing(origin: Vec3, axis: Vec3, scale: Vec3) -> Transform {
+    let frame = Frame::from_normal(axis.normalize());
+    let column = |v: Vec3, s: f32| (v * s).as_dvec3().extend(0.0);
+    Transform::from_matrix(DMat4::from_cols(
+        column(frame.s, scale.x),
+        column(frame.t, scale.y),
+        column(frame.n, scale.z),
+        origin.as_dvec3().extend(1.0),
+    ))
+    .unwrap()
+}
+
+fn disk(origin: Vec3, axis: Vec3, scale: Vec3) -> Shape {
+    Shape::Disk {
+        to_world: facing(origin, axis, scale),
+        flip_normals: false,
+    }
+}
+
+fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Shape {
+    let to_local = facing(center, Vec3::Z, Vec3::splat(radius)).inverted();
+    Shape::Sphere {
+        center,
+        radius,
+        to_local,
+        flip_normals,
+    }
+}
+
+/// A plane figure of four unequal triangles about `origin` that faces `axis`.
+fn patch(origin: Vec3, axis: Vec3) -> Shape {
+    let map = facing(origin, axis, Vec3::ONE);
+    let corners = [(0.2, 0.1), (1.0, 0.0), (0.0, 1.5), (-1.0, 0.0), (0.0, -0.7)];
+    Shape::Mesh(TriangleMesh {
+        positions: corners.iter().map(|(x, y)| map.point(Vec3::new(*x, *y, 0.0))).collect(),
+        triangles: vec![[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]],
+        ..TriangleMesh::default()
+    })
+}
+
+/// Area of [`patch`]: half the product of its diagonals.
+const PATCH_AREA: f64 = 2.2;
+
+/// A smooth image with one bright texel; columns from the seam on differ.
+fn image(width: usize, height: usize) -> Arc<Bitmap> {
+    let mut texels: Vec<Spectrum> = (0..width * height)
+        .map(|i| Spectrum::from_rgb([0.2 + (i % 5) as f32 * 0.3, 0.1 + (i % 3) as f32 * 0.2, 0.3]))
+        .collect();
+    texels[width * (height / 3)] = gray(20.0);
+    texels[width * (height / 2) + 3] = gray(0.0);
+    Arc::new(Bitmap {
+        width,
+        height,
+        texels,
+        wrap: WrapMode::Repeat,
+        filter: TextureFilter::Bilinear,
+    })
+}
+
+fn environment(width: usize, height: usize) -> Light {
+    let to_world = facing(Vec3::ZERO, Vec3::new(0.3, 0.8, -0.5), Vec3::ONE);
+    Light::Environment {
+        image: image(width, height),
+        scale: 2.0,
+        to_world,
+    }
+}
+
+fn area_light(shape: u32, radiance: f32) -> Light {
+    Light::Area {
+        shape: ShapeId(shape),
+        radiance: Texture::Constant(gray(radiance)),
+    }
+}
+
+fn random(seed: u64) -> PathRandom {
+    PathRandom::new(seed, 1, Stream::Light, 0)
+}
+
+/// Mean of `samples` draws and its standard error.
+fn mean(samples: usize, mut draw: impl FnMut() -> f64) -> (f64, f64) {
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for _ in 0..samples {
+        let value = draw();
+        sum += value;
+        squares += value * value;
+    }
+    let n = samples as f64;
+    let mean = sum / n;
+    (mean, ((squares / n - mean * mean).max(0.0) / n).sqrt())
+}
+
+fn assert_mean(label: &str, (mean, error): (f64, f64), expected: f64) {
+    let allowed = DEVIATIONS * error + 1e-5 * expected.abs();
+    assert!(
+        (mean - expected).abs() <= allowed,
+        "{label}: {mean} +- {error}, expected {expected}"
+    );
+}
