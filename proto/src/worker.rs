@@ -8,6 +8,7 @@
 //! | `POST /v1/worker/nodes` | [`NodeUpload`] (see [`frame_upload`]), then the planes | [`NodeReply`] |
 //! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
+//! | `POST /v1/worker/leave` | [`Leave`] | [`Acknowledged`] |
 //! | `GET /v1/bundles/{hash}` | | the manifest, JSON |
 //! | `GET /v1/blobs/{hash}` | | the bytes |
 //!
@@ -181,6 +182,13 @@ pub struct Release {
     pub job: JobId,
 }
 
+/// The worker ends: whatever it holds goes back, without blame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Leave {
+    /// Who.
+    pub worker: WorkerId,
+}
+
 /// Understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledged;
@@ -205,6 +213,7 @@ kinds! {
     FailureReport = 9,
     Release = 10,
     Acknowledged = 11,
+    Leave = 12,
 }
 
 /// Most bytes of a framed [`NodeUpload`].

@@ -1,1 +1,19 @@
-//! Placeholder.
+//! The process that leases iterations, renders them and sends the sums back.
+//!
+//! One lease is rendered at a time; while it is, finished nodes go out and heartbeats go on beside it. A finished node
+//! is kept until the coordinator has acknowledged it, however long the coordinator is away.
+
+mod backoff;
+mod block;
+mod cache;
+mod client;
+mod held;
+mod outbox;
+mod render;
+mod worker;
+
+pub use cache::{BundleFiles, Cache, FileError};
+pub use client::ClientError;
+pub use render::{CoreRenderer, LoadedScene, Renderer};
+pub use tokio_util::sync::CancellationToken;
+pub use worker::{Worker, WorkerConfig, WorkerError};

@@ -1,1 +1,114 @@
-fn main() {}
+//! `photonfarm-worker`: renders for a coordinator until it is told to stop.
+
+use anyhow::Context;
+use clap::{Parser, ValueEnum};
+use photonfarm_worker::{CancellationToken, Worker, WorkerConfig};
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use tokio::signal::unix::{SignalKind, signal};
+use tracing_subscriber::EnvFilter;
+
+/// Renders iterations for a coordinator of Photonfarm.
+///
+/// The first SIGTERM or SIGINT ends the iteration at hand, delivers what is done and gives the rest back; the second
+/// ends the process at once.
+#[derive(Parser)]
+#[command(version)]
+struct Options {
+    /// URL of the coordinator, such as http://127.0.0.1:7070.
+    #[arg(long, env = "PHOTONFARM_COORDINATOR")]
+    coordinator: String,
+    /// Threads to render with; 0: all processors.
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+    /// Folder for the files of scenes; several workers may share it.
+    #[arg(long, env = "PHOTONFARM_CACHE")]
+    cache: Option<PathBuf>,
+    /// Gigabytes that the folder may hold.
+    #[arg(long, default_value_t = 16)]
+    cache_gigabytes: u64,
+    /// Name shown to people; the host's by default.
+    #[arg(long)]
+    name: Option<String>,
+    /// Format of the log; RUST_LOG chooses what it tells.
+    #[arg(long, value_enum, default_value_t = LogFormat::Human)]
+    log_format: LogFormat,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum LogFormat {
+    /// Lines for people.
+    Human,
+    /// One JSON object a line.
+    Json,
+}
+
+#[tokio::main]
+async fn main() -> ExitCode {
+    let options = Options::parse();
+    start_log(options.log_format);
+    match run(options).await {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+async fn run(options: Options) -> anyhow::Result<()> {
+    let cache = options
+        .cache
+        .unwrap_or_else(|| std::env::temp_dir().join("photonfarm-cache"));
+    let mut config = WorkerConfig::new(options.coordinator, cache);
+    config.threads = options.threads;
+    config.cache_bytes = options.cache_gigabytes.saturating_mul(1 << 30);
+    config.name = options.name.unwrap_or_else(host_name);
+    let drain = CancellationToken::new();
+    stop_on_signals(drain.clone()).context("signals cannot be handled")?;
+    Worker::new(config)?.run(drain).await?;
+    tracing::info!("stopped");
+    Ok(())
+}
+
+/// The first signal drains, the second ends the process.
+fn stop_on_signals(drain: CancellationToken) -> std::io::Result<()> {
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    tokio::spawn(async move {
+        loop {
+            let code = tokio::select! {
+                _ = terminate.recv() => 143,
+                _ = interrupt.recv() => 130,
+            };
+            if drain.is_cancelled() {
+                std::process::exit(code);
+            }
+            tracing::info!("told to stop; once more to stop at once");
+            drain.cancel();
+        }
+    });
+    Ok(())
+}
+
+fn host_name() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim();
+    if name.is_empty() {
+        "worker".to_owned()
+    } else {
+        name.to_owned()
+    }
+}
+
+fn start_log(format: LogFormat) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr);
+    match format {
+        LogFormat::Human => log.with_ansi(std::io::stderr().is_terminal()).init(),
+        LogFormat::Json => log.json().init(),
+    }
+}

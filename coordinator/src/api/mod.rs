@@ -39,7 +39,8 @@ pub(crate) fn router(service: App) -> Router {
         .route("/worker/heartbeat", post(worker::heartbeat))
         .route("/worker/nodes", post(worker::upload))
         .route("/worker/failures", post(worker::fail))
-        .route("/worker/release", post(worker::release));
+        .route("/worker/release", post(worker::release))
+        .route("/worker/leave", post(worker::leave));
     Router::new()
         .nest("/v1", v1)
         .fallback(async || ApiError::from(Problem::new(ErrorCode::NotFound, "there is no such route")))

@@ -6,8 +6,8 @@ use crate::scheduler::Delivered;
 use axum::extract::{Request, State};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::worker::{
-    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, NodeReply, Register, Registered,
-    Release,
+    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodeReply, Register,
+    Registered, Release,
 };
 
 pub(super) async fn register(
@@ -58,5 +58,13 @@ pub(super) async fn release(
     Framed(release): Framed<Release>,
 ) -> Result<Framed<Acknowledged>, ApiError> {
     service.release(release).await?;
+    Ok(Framed(Acknowledged))
+}
+
+pub(super) async fn leave(
+    State(service): State<App>,
+    Framed(leave): Framed<Leave>,
+) -> Result<Framed<Acknowledged>, ApiError> {
+    service.leave(leave.worker).await?;
     Ok(Framed(Acknowledged))
 }

@@ -330,6 +330,20 @@ impl Farm {
         Decision::new((), held.map(|job| job.end_lease(token)).into_iter().collect())
     }
 
+    /// A worker ends: its leases go back, without blame.
+    #[must_use]
+    pub fn leave(&self, worker: WorkerId) -> Decision<()> {
+        let ended = |lease: &LeaseRecord| Change::LeaseEnded {
+            job: lease.job,
+            token: lease.token,
+        };
+        let mut changes: Vec<Change> = self.leases_of(worker).map(ended).collect();
+        if self.workers.contains_key(&worker) {
+            changes.push(Change::WorkerForgotten(worker));
+        }
+        Decision::new((), changes)
+    }
+
     /// Ends leases that were not renewed in time, and forgets workers that were silent for long.
     #[must_use]
     pub fn expire(&self, now: Millis) -> Decision<()> {

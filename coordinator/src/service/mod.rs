@@ -327,6 +327,11 @@ impl Service {
         self.transact(move |farm, _| Ok(farm.release(job, token, worker))).await
     }
 
+    /// A worker ends.
+    pub async fn leave(self: &Arc<Self>, worker: WorkerId) -> Result<(), ServiceError> {
+        self.transact(move |farm, _| Ok(farm.leave(worker))).await
+    }
+
     /// The workers heard of lately.
     pub async fn workers(&self) -> Result<Vec<WorkerStatus>, ServiceError> {
         Ok(self.fresh_farm().await?.farm.worker_statuses(self.clock.now()))

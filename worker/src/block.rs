@@ -1,0 +1,196 @@
+//! Renders the leaves of a lease and sums them in the tree's shape.
+
+use crate::held::LeaseState;
+use crate::render::LoadedScene;
+use photonfarm_core::film::{FilmError, Node};
+use photonfarm_core::integrator::{Observer, Phase, RenderError};
+use photonfarm_core::tree::Forest;
+use photonfarm_proto::job::{FailureKind, JobSpec, PhaseSeconds, Totals};
+use photonfarm_proto::node::NodeKey;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+/// A node with what it took.
+pub(crate) struct Sum {
+    pub(crate) node: Node,
+    pub(crate) totals: Totals,
+}
+
+/// How the rendering of a block ended.
+pub(crate) enum Ending {
+    /// All leaves are rendered.
+    Complete,
+    /// The worker is to stop: the rest goes back.
+    Drained,
+    /// The lease is lost: nothing of it counts.
+    Lost,
+    /// A leaf failed.
+    Failed {
+        /// The leaf.
+        leaf: u32,
+        /// How.
+        kind: FailureKind,
+        /// In words.
+        message: String,
+    },
+}
+
+/// Renders the leaves of `block` in order. What was summed until the ending is the maximal nodes of the leaves done.
+pub(crate) fn render_block(
+    scene: &dyn LoadedScene,
+    spec: &JobSpec,
+    block: NodeKey,
+    state: &LeaseState,
+    drain: &CancellationToken,
+) -> (Vec<Sum>, Ending) {
+    let mut forest = Forest::default();
+    let mut leaf_totals = Vec::new();
+    let mut ending = Ending::Complete;
+    for leaf in block.first()..block.end() {
+        if drain.is_cancelled() {
+            ending = Ending::Drained;
+            break;
+        }
+        let leaf = leaf as u32;
+        let rendered = render_leaf(scene, spec, leaf, state).and_then(|(node, totals)| {
+            forest
+                .push(node)
+                .map_err(|error| LeafError::Failed(FailureKind::Render, error.to_string()))?;
+            Ok(totals)
+        });
+        match rendered {
+            Ok(totals) => leaf_totals.push(totals),
+            Err(LeafError::Lost) => return (Vec::new(), Ending::Lost),
+            Err(LeafError::Failed(kind, message)) => {
+                ending = Ending::Failed { leaf, kind, message };
+                break;
+            }
+        }
+        state.leaf_done();
+    }
+    let totals_of = |node: &Node| {
+        let key = NodeKey {
+            level: node.level,
+            index: node.index,
+        };
+        let first = (key.first() - block.first()) as usize;
+        let mut totals = Totals::default();
+        leaf_totals[first..first + key.leaves() as usize]
+            .iter()
+            .for_each(|leaf| totals.add(leaf));
+        totals
+    };
+    let sums = forest
+        .into_nodes()
+        .into_iter()
+        .map(|node| Sum {
+            totals: totals_of(&node),
+            node,
+        })
+        .collect();
+    (sums, ending)
+}
+
+enum LeafError {
+    Lost,
+    Failed(FailureKind, String),
+}
+
+impl From<RenderError> for LeafError {
+    fn from(error: RenderError) -> Self {
+        match error {
+            RenderError::Cancelled => Self::Lost,
+            RenderError::Setting(_) => Self::Failed(FailureKind::Scene, error.to_string()),
+            RenderError::BadPixel { .. } => Self::Failed(FailureKind::Render, error.to_string()),
+        }
+    }
+}
+
+impl From<FilmError> for LeafError {
+    fn from(error: FilmError) -> Self {
+        Self::Failed(FailureKind::Render, error.to_string())
+    }
+}
+
+fn render_leaf(
+    scene: &dyn LoadedScene,
+    spec: &JobSpec,
+    leaf: u32,
+    state: &LeaseState,
+) -> Result<(Node, Totals), LeafError> {
+    let clock = PhaseClock::new(state);
+    let iteration = leaf + 1;
+    let render = || scene.render(&spec.integrator, spec.seed, iteration, &clock);
+    let result = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
+        LeafError::Failed(
+            FailureKind::Panic,
+            format!("the renderer panicked: {}", panic_message(&*panic)),
+        )
+    })?;
+    let rendered = result?;
+    let seconds = clock.finish();
+    let [width, height] = scene.resolution();
+    let node = Node::leaf(leaf, width, height, &rendered.pixels)?;
+    let bandwidth = scene.bandwidth(&spec.integrator, iteration);
+    Ok((
+        node,
+        Totals {
+            counts: rendered.counts,
+            seconds,
+            bandwidth,
+        },
+    ))
+}
+
+/// What a panic said.
+pub(crate) fn panic_message(panic: &(dyn std::any::Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("without a message")
+}
+
+/// Takes the times of an iteration's phases, and passes on that a lease is lost.
+struct PhaseClock<'a> {
+    state: &'a LeaseState,
+    current: Mutex<(Option<Phase>, Instant, PhaseSeconds)>,
+}
+
+impl<'a> PhaseClock<'a> {
+    fn new(state: &'a LeaseState) -> Self {
+        Self {
+            state,
+            current: Mutex::new((None, Instant::now(), PhaseSeconds::default())),
+        }
+    }
+
+    fn enter(&self, next: Option<Phase>) -> PhaseSeconds {
+        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        let (phase, since, seconds) = &mut *current;
+        let now = Instant::now();
+        let spent = now.duration_since(*since).as_secs_f64();
+        match phase {
+            Some(Phase::TraceLight) => seconds.trace_light += spent,
+            Some(Phase::BuildMap) => seconds.build_map += spent,
+            Some(Phase::TraceCamera) => seconds.trace_camera += spent,
+            Some(Phase::Done) | None => seconds.other += spent,
+        }
+        (*phase, *since) = (next, now);
+        *seconds
+    }
+
+    fn finish(&self) -> PhaseSeconds {
+        self.enter(None)
+    }
+}
+
+impl Observer for PhaseClock<'_> {
+    fn phase(&self, phase: Phase) {
+        self.enter(Some(phase));
+    }
+
+    fn cancelled(&self) -> bool {
+        self.state.is_lost()
+    }
+}

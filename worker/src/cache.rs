@@ -1,0 +1,226 @@
+//! Files of scenes on this machine, by hash: written aside and renamed, verified when read, bounded in size.
+
+use crate::client::{Client, ClientError};
+use futures_util::StreamExt;
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::BlobHash;
+use std::collections::BTreeSet;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::SystemTime;
+use thiserror::Error;
+
+/// Why a bundle is not at hand.
+#[derive(Debug, Error)]
+pub(crate) enum CacheError {
+    /// It cannot be fetched.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// It cannot be kept.
+    #[error("the cache failed: {0}")]
+    Io(#[from] io::Error),
+    /// The coordinator sent other bytes.
+    #[error("the file {expected} arrived with hash {found}")]
+    WrongBytes {
+        /// Hash asked for.
+        expected: BlobHash,
+        /// Hash received.
+        found: BlobHash,
+    },
+}
+
+/// A folder of files by hash. Several workers may share it.
+#[derive(Clone, Debug)]
+pub struct Cache {
+    root: PathBuf,
+    limit: u64,
+}
+
+impl Cache {
+    /// Opens or makes a folder that holds at most about `limit` bytes besides the scene in use.
+    pub fn open(root: &Path, limit: u64) -> io::Result<Self> {
+        std::fs::create_dir_all(root)?;
+        Ok(Self {
+            root: root.to_owned(),
+            limit,
+        })
+    }
+
+    fn path(&self, hash: BlobHash) -> PathBuf {
+        self.root.join(hash.to_string())
+    }
+
+    /// Keeps bytes; returns their hash.
+    pub fn insert(&self, bytes: &[u8]) -> io::Result<BlobHash> {
+        let hash = BlobHash::of(bytes);
+        let mut file = tempfile::NamedTempFile::new_in(&self.root)?;
+        file.write_all(bytes)?;
+        file.persist(self.path(hash)).map_err(|error| error.error)?;
+        Ok(hash)
+    }
+
+    /// Fetches what is missing of a bundle, then makes room.
+    pub(crate) async fn fetch(&self, client: &Client, manifest: BundleManifest) -> Result<BundleFiles, CacheError> {
+        let mut wanted = BTreeSet::new();
+        for (hash, bytes) in manifest.blobs() {
+            wanted.insert(hash);
+            match std::fs::File::open(self.path(hash)) {
+                Ok(file) => _ = file.set_modified(SystemTime::now()),
+                Err(_) => self.fetch_blob(client, hash, bytes).await?,
+            }
+        }
+        self.make_room(&wanted)?;
+        Ok(BundleFiles {
+            cache: self.clone(),
+            manifest: Arc::new(manifest),
+            damaged: Arc::default(),
+        })
+    }
+
+    async fn fetch_blob(&self, client: &Client, hash: BlobHash, bytes: u64) -> Result<(), CacheError> {
+        tracing::debug!(%hash, bytes, "fetching a file");
+        let mut stream = client.blob(hash, bytes).await?.bytes_stream();
+        let mut file = tempfile::NamedTempFile::new_in(&self.root)?;
+        let mut hasher = blake3::Hasher::new();
+        let mut received = 0;
+        while let Some(piece) = stream.next().await {
+            let piece = piece.map_err(ClientError::from)?;
+            received += piece.len() as u64;
+            if received > bytes {
+                break;
+            }
+            hasher.update(&piece);
+            file.write_all(&piece)?;
+        }
+        let found = BlobHash::from(hasher.finalize());
+        if found != hash || received != bytes {
+            return Err(CacheError::WrongBytes { expected: hash, found });
+        }
+        file.persist(self.path(hash)).map_err(|error| error.error)?;
+        Ok(())
+    }
+
+    /// Removes the files that were not used for longest.
+    fn make_room(&self, keep: &BTreeSet<BlobHash>) -> io::Result<()> {
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&self.root)? {
+            let entry = entry?;
+            let hash = entry.file_name().to_string_lossy().parse::<BlobHash>();
+            if let (Ok(hash), Ok(metadata)) = (hash, entry.metadata()) {
+                files.push((metadata.modified()?, hash, metadata.len()));
+            }
+        }
+        files.sort_unstable();
+        let mut total: u64 = files.iter().map(|(_, _, bytes)| bytes).sum();
+        for (_, hash, bytes) in files {
+            if total <= self.limit {
+                break;
+            }
+            if !keep.contains(&hash) {
+                std::fs::remove_file(self.path(hash)).or_else(ignore_missing)?;
+                total -= bytes;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn ignore_missing(error: io::Error) -> io::Result<()> {
+    if error.kind() == io::ErrorKind::NotFound {
+        Ok(())
+    } else {
+        Err(error)
+    }
+}
+
+/// Why a file of a scene cannot be read.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum FileError {
+    /// The bundle has no such file.
+    #[error("the bundle has no such file")]
+    Missing,
+    /// The file was damaged or removed in the cache.
+    #[error("the file is damaged in the worker's cache")]
+    Damaged,
+}
+
+/// The files of one scene, all at hand.
+#[derive(Clone, Debug)]
+pub struct BundleFiles {
+    cache: Cache,
+    manifest: Arc<BundleManifest>,
+    damaged: Arc<AtomicBool>,
+}
+
+impl BundleFiles {
+    /// Files that were inserted into the cache.
+    #[must_use]
+    pub fn new(cache: Cache, manifest: BundleManifest) -> Self {
+        Self {
+            cache,
+            manifest: Arc::new(manifest),
+            damaged: Arc::default(),
+        }
+    }
+
+    /// The bytes of a file, verified.
+    pub fn bytes(&self, name: &str) -> Result<Vec<u8>, FileError> {
+        let entry = self.manifest.files.get(name).ok_or(FileError::Missing)?;
+        let path = self.cache.path(entry.hash);
+        let bytes = std::fs::read(&path).unwrap_or_default();
+        if BlobHash::of(&bytes) == entry.hash {
+            return Ok(bytes);
+        }
+        self.damaged.store(true, Ordering::Relaxed);
+        let _ = std::fs::remove_file(&path);
+        Err(FileError::Damaged)
+    }
+
+    /// Whether a file was found damaged or missing: it was removed, and the bundle is to be fetched again.
+    pub(crate) fn is_damaged(&self) -> bool {
+        self.damaged.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photonfarm_proto::bundle::FileEntry;
+
+    fn bundle(cache: &Cache, content: &[u8]) -> BundleFiles {
+        cache.insert(content).unwrap();
+        let files = [("a".to_owned(), FileEntry::of(content))].into();
+        BundleFiles::new(cache.clone(), BundleManifest { files })
+    }
+
+    #[test]
+    fn damage_is_noticed_and_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::open(folder.path(), 100).unwrap();
+        let files = bundle(&cache, b"scene");
+        assert_eq!(files.bytes("a").unwrap(), b"scene");
+        assert_eq!(files.bytes("b"), Err(FileError::Missing));
+        assert!(!files.is_damaged());
+        let path = cache.path(BlobHash::of(b"scene"));
+        std::fs::write(&path, b"scenf").unwrap();
+        assert_eq!(files.bytes("a"), Err(FileError::Damaged));
+        assert!(files.is_damaged() && !path.exists());
+    }
+
+    #[test]
+    fn the_cache_keeps_its_bound_and_what_is_in_use() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::open(folder.path(), 25).unwrap();
+        let hashes: Vec<BlobHash> = (0..4u8).map(|i| cache.insert(&[i; 10]).unwrap()).collect();
+        for (age, hash) in hashes.iter().enumerate() {
+            let file = std::fs::File::options().write(true).open(cache.path(*hash)).unwrap();
+            file.set_modified(SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(age as u64))
+                .unwrap();
+        }
+        cache.make_room(&BTreeSet::from([hashes[0]])).unwrap();
+        let left: Vec<bool> = hashes.iter().map(|hash| cache.path(*hash).exists()).collect();
+        assert_eq!(left, [true, false, false, true]);
+    }
+}

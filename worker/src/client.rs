@@ -1,0 +1,201 @@
+//! The coordinator as a worker sees it.
+
+use crate::backoff::Backoff;
+use futures_util::StreamExt;
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::codec::{self, CodecError, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
+use photonfarm_proto::id::BlobHash;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use reqwest::header::CONTENT_TYPE;
+use reqwest::{Request, Response, Url};
+use std::time::Duration;
+use thiserror::Error;
+use tokio_util::sync::CancellationToken;
+
+/// Time for a short message, and what any message may take beyond its own time.
+const SHORT: Duration = Duration::from_secs(15);
+/// Slowest transfer that is waited for [bytes per second].
+const SLOWEST: u64 = 50_000;
+/// Most bytes of a manifest.
+const MANIFEST_BYTES: usize = 64 << 20;
+
+/// Why a request failed.
+#[derive(Debug, Error)]
+pub enum ClientError {
+    /// No answer: the coordinator is away, or the network.
+    #[error("no answer from the coordinator: {0}")]
+    Away(#[from] reqwest::Error),
+    /// The coordinator says no.
+    #[error("{0}")]
+    Problem(Box<Problem>),
+    /// An answer that is not Photonfarm's.
+    #[error("the answer cannot be read: {0}")]
+    Answer(String),
+    /// An answer of another version.
+    #[error(transparent)]
+    Codec(#[from] CodecError),
+    /// The worker is to stop.
+    #[error("the worker is stopping")]
+    Stopping,
+}
+
+impl ClientError {
+    /// Whether the same request may succeed later.
+    #[must_use]
+    pub fn retryable(&self) -> bool {
+        match self {
+            Self::Away(_) => true,
+            Self::Problem(problem) => problem.retryable,
+            Self::Answer(_) | Self::Codec(_) | Self::Stopping => false,
+        }
+    }
+
+    /// The problem's code, if the coordinator said no.
+    #[must_use]
+    pub fn code(&self) -> Option<ErrorCode> {
+        match self {
+            Self::Problem(problem) => Some(problem.code),
+            _ => None,
+        }
+    }
+}
+
+/// A connection to a coordinator.
+#[derive(Clone, Debug)]
+pub(crate) struct Client {
+    http: reqwest::Client,
+    base: Url,
+}
+
+impl Client {
+    /// A client for the coordinator at `url`; nothing is sent yet.
+    pub(crate) fn new(url: &str) -> Result<Self, String> {
+        let base = Url::parse(url).map_err(|error| format!("{url:?} is not a URL: {error}"))?;
+        if base.scheme() != "http" || base.cannot_be_a_base() {
+            return Err(format!("{url:?} is not an address such as http://127.0.0.1:7070"));
+        }
+        let http = reqwest::Client::builder()
+            .connect_timeout(SHORT)
+            .no_proxy()
+            .build()
+            .map_err(|error| error.to_string())?;
+        Ok(Self { http, base })
+    }
+
+    fn url(&self, path: &str) -> Url {
+        let mut url = self.base.clone();
+        url.set_path(&format!("{}/v1/{path}", self.base.path().trim_end_matches('/')));
+        url
+    }
+
+    /// A request with a body, ready to be sent any number of times.
+    pub(crate) fn post(&self, path: &str, body: Vec<u8>, wait: Duration) -> Result<Request, ClientError> {
+        let transfer = Duration::from_secs(body.len() as u64 / SLOWEST);
+        let request = self.http.post(self.url(path)).header(CONTENT_TYPE, MESSAGE_MEDIA_TYPE);
+        Ok(request.timeout(SHORT + wait + transfer).body(body).build()?)
+    }
+
+    /// Sends a prepared request and reads the reply.
+    pub(crate) async fn send<R: Message>(&self, request: &Request) -> Result<R, ClientError> {
+        let again = request
+            .try_clone()
+            .ok_or_else(|| ClientError::Answer("a body that cannot be repeated".into()))?;
+        let response = succeed(self.http.execute(again).await?).await?;
+        Ok(codec::decode(&read_bounded(response, MESSAGE_BYTES).await?)?)
+    }
+
+    /// Sends a message and reads the reply, which may take `wait` longer than usual.
+    pub(crate) async fn call<M: Message, R: Message>(
+        &self,
+        path: &str,
+        message: &M,
+        wait: Duration,
+    ) -> Result<R, ClientError> {
+        self.send(&self.post(path, codec::encode(message)?, wait)?).await
+    }
+
+    /// As [`call`](Self::call), again and again while the coordinator is away, until `stop`.
+    pub(crate) async fn insist<M: Message, R: Message>(
+        &self,
+        path: &str,
+        message: &M,
+        wait: Duration,
+        stop: &CancellationToken,
+    ) -> Result<R, ClientError> {
+        retry(stop, || self.call(path, message, wait)).await
+    }
+
+    /// The manifest of a bundle.
+    pub(crate) async fn manifest(&self, hash: BlobHash) -> Result<BundleManifest, ClientError> {
+        let request = self.http.get(self.url(&format!("bundles/{hash}"))).timeout(4 * SHORT);
+        let bytes = read_bounded(succeed(request.send().await?).await?, MANIFEST_BYTES).await?;
+        let manifest: BundleManifest =
+            serde_json::from_slice(&bytes).map_err(|error| ClientError::Answer(error.to_string()))?;
+        if manifest.hash() != hash {
+            return Err(ClientError::Answer(format!(
+                "the manifest of {hash} has hash {}",
+                manifest.hash()
+            )));
+        }
+        Ok(manifest)
+    }
+
+    /// The bytes of a file, piece by piece; the caller verifies them.
+    pub(crate) async fn blob(&self, hash: BlobHash, bytes: u64) -> Result<Response, ClientError> {
+        let timeout = SHORT + Duration::from_secs(bytes / SLOWEST);
+        let request = self.http.get(self.url(&format!("blobs/{hash}"))).timeout(timeout);
+        succeed(request.send().await?).await
+    }
+}
+
+/// Repeats a request that may succeed later, until `stop`.
+pub(crate) async fn retry<T, F: Future<Output = Result<T, ClientError>>>(
+    stop: &CancellationToken,
+    mut attempt: impl FnMut() -> F,
+) -> Result<T, ClientError> {
+    let mut backoff = Backoff::default();
+    loop {
+        let result = tokio::select! {
+            result = attempt() => result,
+            () = stop.cancelled() => return Err(ClientError::Stopping),
+        };
+        let error = match result {
+            Err(error) if error.retryable() => error,
+            other => return other,
+        };
+        let wait = backoff.next();
+        tracing::debug!(%error, ?wait, "trying again");
+        tokio::select! {
+            () = tokio::time::sleep(wait) => {}
+            () = stop.cancelled() => return Err(ClientError::Stopping),
+        }
+    }
+}
+
+async fn succeed(response: Response) -> Result<Response, ClientError> {
+    let status = response.status();
+    if status.is_success() {
+        return Ok(response);
+    }
+    let body = read_bounded(response, 1 << 16).await?;
+    match serde_json::from_slice::<Problem>(&body) {
+        Ok(problem) => Err(ClientError::Problem(Box::new(problem))),
+        Err(_) if status.is_server_error() => {
+            let problem = Problem::new(ErrorCode::Unavailable, format!("the answer is {status}"));
+            Err(ClientError::Problem(Box::new(problem)))
+        }
+        Err(_) => Err(ClientError::Answer(format!("{status}, and not from a coordinator"))),
+    }
+}
+
+async fn read_bounded(response: Response, limit: usize) -> Result<Vec<u8>, ClientError> {
+    let mut bytes = Vec::new();
+    let mut stream = response.bytes_stream();
+    while let Some(piece) = stream.next().await {
+        bytes.extend_from_slice(&piece?);
+        if bytes.len() > limit {
+            return Err(ClientError::Answer(format!("it has more than {limit} bytes")));
+        }
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,97 @@
+//! What the worker needs of a renderer.
+
+use crate::cache::{BundleFiles, FileError};
+use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
+use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles};
+use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_proto::job::BandwidthRange;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Makes scenes ready. Tests put something else in the place of the core.
+pub trait Renderer: Send + Sync + 'static {
+    /// Reads a scene. The error is for people: file, line, and what is wrong.
+    fn load(
+        &self,
+        files: &BundleFiles,
+        main: &str,
+        defines: &BTreeMap<String, String>,
+    ) -> Result<Arc<dyn LoadedScene>, String>;
+}
+
+/// A scene ready to be rendered.
+pub trait LoadedScene: Send + Sync {
+    /// Pixels across and down.
+    fn resolution(&self) -> [u32; 2];
+    /// The bandwidth of an iteration, if the integrator has one.
+    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange>;
+    /// Renders an iteration on the current rayon pool; see [`integrator::render_iteration`].
+    fn render(
+        &self,
+        settings: &IntegratorSettings,
+        seed: u64,
+        iteration: u32,
+        observer: &dyn Observer,
+    ) -> Result<Iteration, RenderError>;
+}
+
+/// The renderer of Photonfarm.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CoreRenderer;
+
+impl Renderer for CoreRenderer {
+    fn load(
+        &self,
+        files: &BundleFiles,
+        main: &str,
+        defines: &BTreeMap<String, String>,
+    ) -> Result<Arc<dyn LoadedScene>, String> {
+        let scene = Scene::load(files, main, defines, &Limits::default()).map_err(|error| error.to_string())?;
+        Ok(Arc::new(CoreScene(scene)))
+    }
+}
+
+impl SceneFiles for BundleFiles {
+    fn read(&self, name: &str) -> Result<Vec<u8>, SceneError> {
+        let (place, name) = (Place::whole(name), name.to_owned());
+        self.bytes(&name).map_err(|error| match error {
+            FileError::Missing => SceneError::NotFound {
+                tried: name.clone(),
+                place,
+                name,
+            },
+            FileError::Damaged => SceneError::Read {
+                place,
+                name,
+                reason: error.to_string(),
+            },
+        })
+    }
+}
+
+struct CoreScene(Scene);
+
+impl LoadedScene for CoreScene {
+    fn resolution(&self) -> [u32; 2] {
+        self.0.film.resolution
+    }
+
+    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange> {
+        let bandwidth = integrator::bandwidth(&self.0, settings, iteration)?;
+        let has_angle = matches!(settings, IntegratorSettings::Pcf(_));
+        Some(BandwidthRange::one(
+            bandwidth.sigma,
+            has_angle.then_some(bandwidth.theta),
+        ))
+    }
+
+    fn render(
+        &self,
+        settings: &IntegratorSettings,
+        seed: u64,
+        iteration: u32,
+        observer: &dyn Observer,
+    ) -> Result<Iteration, RenderError> {
+        integrator::render_iteration(&self.0, settings, seed, iteration, observer)
+    }
+}

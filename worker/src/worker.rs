@@ -1,0 +1,399 @@
+//! The worker's life: register, lease, render, deliver; reconnect; drain.
+
+use crate::backoff::Backoff;
+use crate::block::{Ending, panic_message, render_block};
+use crate::cache::{Cache, CacheError};
+use crate::client::{Client, ClientError, retry};
+use crate::held::{Held, LeaseState};
+use crate::outbox::{self, Farewell, Parcel};
+use crate::render::{CoreRenderer, LoadedScene, Renderer};
+use photonfarm_proto::id::{BlobHash, WorkerId};
+use photonfarm_proto::job::{FailureKind, JobSpec};
+use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::worker::{
+    Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
+    Register, Registered, cut_text,
+};
+use rayon::ThreadPool;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::sync::{mpsc, watch};
+use tokio_util::sync::CancellationToken;
+
+/// How long a request for work waits at the coordinator.
+const POLL: Duration = Duration::from_secs(20);
+/// Finished leases that may wait for delivery while the next is rendered.
+const OUTBOX: usize = 2;
+/// Attempts at a scene whose files are damaged in the cache.
+const LOADS: usize = 3;
+
+/// What a worker needs to know.
+#[derive(Clone)]
+pub struct WorkerConfig {
+    /// URL of the coordinator.
+    pub coordinator: String,
+    /// A name for people.
+    pub name: String,
+    /// Threads to render with; 0: all processors.
+    pub threads: usize,
+    /// Folder for the files of scenes.
+    pub cache: PathBuf,
+    /// Bytes that the folder may hold.
+    pub cache_bytes: u64,
+    /// What renders.
+    pub renderer: Arc<dyn Renderer>,
+}
+
+impl WorkerConfig {
+    /// A worker that renders with the core, on all processors.
+    #[must_use]
+    pub fn new(coordinator: impl Into<String>, cache: impl Into<PathBuf>) -> Self {
+        Self {
+            coordinator: coordinator.into(),
+            name: "worker".into(),
+            threads: 0,
+            cache: cache.into(),
+            cache_bytes: 16 << 30,
+            renderer: Arc::new(CoreRenderer),
+        }
+    }
+}
+
+/// Why a worker cannot work.
+#[derive(Debug, Error)]
+pub enum WorkerError {
+    /// Not a URL of a coordinator.
+    #[error("{0}")]
+    Url(String),
+    /// The coordinator does not take this worker.
+    #[error("the coordinator refuses this worker: {0}")]
+    Refused(#[source] ClientError),
+    /// The cache's folder cannot be used.
+    #[error("{}: {source}", path.display())]
+    Cache {
+        /// The folder.
+        path: PathBuf,
+        /// What failed.
+        source: std::io::Error,
+    },
+    /// No threads.
+    #[error("no threads to render with: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}
+
+/// A worker, ready to run.
+pub struct Worker {
+    config: WorkerConfig,
+    client: Client,
+    cache: Cache,
+    pool: Arc<ThreadPool>,
+    held: Held,
+    loaded: Option<(SceneKey, Arc<dyn LoadedScene>)>,
+}
+
+/// What makes two jobs share a loaded scene.
+type SceneKey = (BlobHash, String, BTreeMap<String, String>);
+
+/// The coordinator's terms, as of the last registration.
+#[derive(Clone, Copy)]
+struct Terms {
+    worker: WorkerId,
+    heartbeat: Duration,
+}
+
+/// Why a scene is not ready.
+enum LoadError {
+    /// It never will be.
+    Scene(FailureKind, String),
+    /// It may be elsewhere, or later.
+    Elsewhere(String),
+}
+
+impl From<CacheError> for LoadError {
+    fn from(error: CacheError) -> Self {
+        Self::Elsewhere(error.to_string())
+    }
+}
+
+impl From<ClientError> for LoadError {
+    fn from(error: ClientError) -> Self {
+        Self::Elsewhere(error.to_string())
+    }
+}
+
+impl Worker {
+    /// Opens the cache and makes the threads; nothing is sent yet.
+    pub fn new(config: WorkerConfig) -> Result<Self, WorkerError> {
+        let client = Client::new(&config.coordinator).map_err(WorkerError::Url)?;
+        let cache = Cache::open(&config.cache, config.cache_bytes).map_err(|source| WorkerError::Cache {
+            path: config.cache.clone(),
+            source,
+        })?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(config.threads)
+            .thread_name(|index| format!("render-{index}"))
+            .build()?;
+        Ok(Self {
+            config,
+            client,
+            cache,
+            pool: Arc::new(pool),
+            held: Held::default(),
+            loaded: None,
+        })
+    }
+
+    /// Works until `drain`: then ends the iteration at hand, delivers what is done, gives the rest back, and returns.
+    /// Dropping the future gives up at once; the coordinator notices by the missing heartbeats.
+    ///
+    /// # Errors
+    /// The coordinator refuses this worker, as one of another version.
+    pub async fn run(mut self, drain: CancellationToken) -> Result<(), WorkerError> {
+        let mut terms = match self.register(&drain).await {
+            Err(WorkerError::Refused(ClientError::Stopping)) => return Ok(()),
+            other => other?,
+        };
+        let (announce, announced) = watch::channel(terms);
+        let give_up = CancellationToken::new();
+        let _give_up_when_dropped = give_up.clone().drop_guard();
+        let heart = tokio::spawn(beat(self.client.clone(), self.held.clone(), announced, give_up.clone()));
+        let (outbox, parcels) = mpsc::channel(OUTBOX);
+        let courier = tokio::spawn(carry(self.client.clone(), self.held.clone(), parcels, give_up.clone()));
+        let mut backoff = Backoff::default();
+        while !drain.is_cancelled() {
+            match self.next_assignment(terms.worker, &drain).await {
+                Ok(Some(assignment)) => {
+                    let (parcel, smooth) = self.work_on(assignment, &drain).await;
+                    if outbox.send(parcel).await.is_err() {
+                        break;
+                    }
+                    if smooth {
+                        backoff = Backoff::default();
+                    } else {
+                        pause(&mut backoff, &drain).await;
+                    }
+                }
+                Ok(None) => {}
+                Err(error) if error.code() == Some(ErrorCode::UnknownWorker) => {
+                    self.held.lose(&self.held.tokens());
+                    terms = match self.register(&drain).await {
+                        Err(WorkerError::Refused(ClientError::Stopping)) => break,
+                        other => other?,
+                    };
+                    announce.send_replace(terms);
+                }
+                Err(ClientError::Stopping) => {}
+                Err(error) => {
+                    tracing::warn!(%error, "no work");
+                    pause(&mut backoff, &drain).await;
+                }
+            }
+        }
+        tracing::info!("draining: delivering what is done");
+        drop(outbox);
+        let _ = courier.await;
+        give_up.cancel();
+        let _ = heart.await;
+        let leave = Leave { worker: terms.worker };
+        if let Err(error) = self
+            .client
+            .call::<_, Acknowledged>("worker/leave", &leave, Duration::ZERO)
+            .await
+        {
+            tracing::debug!(%error, "left without a word");
+        }
+        Ok(())
+    }
+
+    async fn register(&self, drain: &CancellationToken) -> Result<Terms, WorkerError> {
+        let register = Register {
+            name: self.config.name.clone(),
+            threads: self.pool.current_num_threads() as u32,
+            renderer: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        let reply = self
+            .client
+            .insist("worker/register", &register, Duration::ZERO, drain)
+            .await;
+        let Registered { worker, heartbeat_ms } = reply.map_err(WorkerError::Refused)?;
+        tracing::info!(%worker, coordinator = self.config.coordinator, "registered");
+        Ok(Terms {
+            worker,
+            heartbeat: Duration::from_millis(heartbeat_ms.clamp(10, 60_000)),
+        })
+    }
+
+    async fn next_assignment(
+        &self,
+        worker: WorkerId,
+        drain: &CancellationToken,
+    ) -> Result<Option<Assignment>, ClientError> {
+        let ask = || async {
+            let held = self.held.tokens();
+            let request = LeaseRequest {
+                worker,
+                held,
+                wait_ms: POLL.as_millis() as u64,
+            };
+            let reply: LeaseReply = self.client.call("worker/lease", &request, POLL).await?;
+            Ok(reply.assignment)
+        };
+        retry(drain, ask).await
+    }
+
+    /// Renders a lease. The flag says whether the worker is fit for the next one at once.
+    async fn work_on(&mut self, assignment: Assignment, drain: &CancellationToken) -> (Parcel, bool) {
+        let Assignment { lease, spec } = assignment;
+        let state = self.held.add(lease.token);
+        tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, attempt = lease.attempt, "working");
+        let (uploads, farewell, smooth) = match self.load(&spec, drain).await {
+            Ok(scene) => self.render(scene, spec, lease, state.clone(), drain).await,
+            Err(LoadError::Scene(kind, message)) => {
+                tracing::warn!(job = %lease.job, message, "the scene cannot be rendered");
+                (vec![], failure(&lease, lease.node.first() as u32, kind, message), true)
+            }
+            Err(LoadError::Elsewhere(error)) => {
+                tracing::warn!(job = %lease.job, error, "the scene is not at hand: the lease goes back");
+                (vec![], Farewell::Release, false)
+            }
+        };
+        (
+            Parcel {
+                lease,
+                state,
+                uploads,
+                farewell,
+            },
+            smooth,
+        )
+    }
+
+    async fn render(
+        &self,
+        scene: Arc<dyn LoadedScene>,
+        spec: JobSpec,
+        lease: Lease,
+        state: Arc<LeaseState>,
+        drain: &CancellationToken,
+    ) -> (Vec<reqwest::Request>, Farewell, bool) {
+        let (pool, drain, client) = (self.pool.clone(), drain.clone(), self.client.clone());
+        let work = move || {
+            let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, &state, &drain));
+            (outbox::encode(&client, lease.worker, &lease, sums), ending)
+        };
+        let (uploads, ending) = match tokio::task::spawn_blocking(work).await {
+            Ok((Ok(uploads), ending)) => (uploads, ending),
+            Ok((Err(error), _)) => {
+                tracing::error!(%error, "the result cannot be sent");
+                return (vec![], Farewell::Release, false);
+            }
+            Err(error) => {
+                let message = format!("the worker failed: {error}");
+                return (
+                    vec![],
+                    failure(&lease, lease.node.first() as u32, FailureKind::Panic, message),
+                    false,
+                );
+            }
+        };
+        match ending {
+            Ending::Complete => (uploads, Farewell::Nothing, true),
+            Ending::Drained => (uploads, Farewell::Release, true),
+            Ending::Lost => {
+                tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, "the lease is lost");
+                (vec![], Farewell::Nothing, true)
+            }
+            Ending::Failed { leaf, kind, message } => {
+                tracing::warn!(job = %lease.job, iteration = leaf + 1, message, "the iteration failed");
+                (uploads, failure(&lease, leaf, kind, message), true)
+            }
+        }
+    }
+
+    /// The scene of a job, loaded before or now.
+    async fn load(&mut self, spec: &JobSpec, drain: &CancellationToken) -> Result<Arc<dyn LoadedScene>, LoadError> {
+        let key = (spec.scene, spec.main.clone(), spec.defines.clone());
+        if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
+            return Ok(scene.clone());
+        }
+        self.loaded = None;
+        let manifest = retry(drain, || self.client.manifest(spec.scene)).await?;
+        for _ in 0..LOADS {
+            let files = self.cache.fetch(&self.client, manifest.clone()).await?;
+            let (renderer, pool) = (self.config.renderer.clone(), self.pool.clone());
+            let (read, main, defines) = (files.clone(), spec.main.clone(), spec.defines.clone());
+            let load = move || {
+                let load = || pool.install(|| renderer.load(&read, &main, &defines));
+                catch_unwind(AssertUnwindSafe(load)).map_err(|panic| panic_message(&*panic).to_owned())
+            };
+            match tokio::task::spawn_blocking(load).await {
+                Ok(Ok(Ok(scene))) => {
+                    self.loaded = Some((key, scene.clone()));
+                    return Ok(scene);
+                }
+                Ok(Ok(Err(_))) if files.is_damaged() => {}
+                Ok(Ok(Err(message))) => return Err(LoadError::Scene(FailureKind::Scene, message)),
+                Ok(Err(panic)) => {
+                    let message = format!("loading the scene panicked: {panic}");
+                    return Err(LoadError::Scene(FailureKind::Panic, message));
+                }
+                Err(error) => return Err(LoadError::Elsewhere(error.to_string())),
+            }
+        }
+        Err(LoadError::Elsewhere("the cache is damaged again and again".into()))
+    }
+}
+
+fn failure(lease: &Lease, leaf: u32, kind: FailureKind, message: String) -> Farewell {
+    let Lease { token, worker, job, .. } = *lease;
+    Farewell::Failure(FailureReport {
+        token,
+        worker,
+        job,
+        leaf,
+        kind,
+        message: cut_text(message),
+    })
+}
+
+async fn pause(backoff: &mut Backoff, drain: &CancellationToken) {
+    tokio::select! {
+        () = tokio::time::sleep(backoff.next()) => {}
+        () = drain.cancelled() => {}
+    }
+}
+
+/// Sends heartbeats for the leases held, until `stop`.
+async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>, stop: CancellationToken) {
+    loop {
+        let Terms { worker, heartbeat } = *terms.borrow();
+        tokio::select! {
+            () = tokio::time::sleep(heartbeat) => {}
+            () = stop.cancelled() => return,
+        }
+        let leases = held.progress();
+        if leases.is_empty() {
+            continue;
+        }
+        let message = Heartbeat { worker, leases };
+        let reply = client
+            .call::<_, HeartbeatReply>("worker/heartbeat", &message, Duration::ZERO)
+            .await;
+        match reply {
+            Ok(HeartbeatReply { lost }) => held.lose(&lost),
+            Err(error) if error.code() == Some(ErrorCode::UnknownWorker) => held.lose(&held.tokens()),
+            Err(error) => tracing::debug!(%error, "a heartbeat was missed"),
+        }
+    }
+}
+
+/// Delivers finished work in its order, until there is no more.
+async fn carry(client: Client, held: Held, mut parcels: mpsc::Receiver<Parcel>, give_up: CancellationToken) {
+    while let Some(parcel) = parcels.recv().await {
+        outbox::deliver(&client, &held, parcel, &give_up).await;
+    }
+}
