@@ -105,7 +105,7 @@ fn visible_beckmann_slope(tan: f32, u: f32) -> f32 {
     let mut slope = inverse_erf_of_excess(y);
     for _ in 0..12 {
         let error = y + tan * exp(-slope * slope) / SQRT_PI - u * total;
-        if error.abs() <= 1e-6 * u * total {
+        if error.abs() <= 1e-5 * u * total {
             break;
         }
         if error < 0.0 {
