@@ -14,6 +14,6 @@ mod worker;
 
 pub use cache::{BundleFiles, Cache, FileError};
 pub use client::ClientError;
-pub use render::{CoreRenderer, LoadedScene, Renderer};
+pub use render::{CoreRenderer, CoreScene, LoadedScene, Renderer};
 pub use tokio_util::sync::CancellationToken;
 pub use worker::{Worker, WorkerConfig, WorkerError};

@@ -69,7 +69,9 @@ impl SceneFiles for BundleFiles {
     }
 }
 
-struct CoreScene(Scene);
+/// A scene of the core.
+#[derive(Debug)]
+pub struct CoreScene(pub Scene);
 
 impl LoadedScene for CoreScene {
     fn resolution(&self) -> [u32; 2] {

@@ -1,0 +1,225 @@
+//! The command line as typed.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::collections::BTreeMap;
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::PathBuf;
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done; the picture, if one was asked for, is complete
+  1    failed; the message says why, and files are as they were before
+  2    the command line cannot be understood
+  130  interrupted by Ctrl-C; files are as they were before";
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  photonfarm render scene.xml -o image.exr
+      Renders with the scene's own integrator (pcf where it names none of ours)
+      and writes image.exr and image.png.
+  photonfarm render scene.xml -o image.exr --integrator pppm --iterations 256
+      More iterations: less noise and less blur.
+  photonfarm render scene.xml -o image.exr --integrator pcf --set photons=1000000 --set theta1=10
+      More light paths per iteration, and a narrower first angle.
+  photonfarm render scene.xml -o small.exr -D width=320 -D height=240
+      Gives values to the scene's <default> parameters.
+
+image.exr holds linear Rec. 709 radiance in 32-bit floats, the standard error of the luminance in
+the channel `standard_error`, and everything that repeats the render in its attributes. image.png
+is for looking at: exposure and highlights follow the global operator of Reinhard et al. (2002).
+The same scene, settings and seed give the same image.exr on any machine, with any --threads.";
+
+const SUBMIT_EXAMPLES: &str = "\
+Examples:
+  photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --iterations 256 --wait -o image.exr
+      Sends the scene to the farm, shows progress, and fetches image.exr and image.png.
+  photonfarm submit scene.xml --coordinator http://127.0.0.1:7800
+      Prints the number of the job and leaves; follow it at /v1/jobs/NUMBER.
+
+The scene file and every file that it names are sent; what the farm has already is not sent again.
+Files outside the scene file's folder are refused. --wait goes on through restarts of the
+coordinator. Interrupting it leaves the job running on the farm.";
+
+const SERVE_EXAMPLES: &str = "\
+Examples:
+  photonfarm serve --listen 127.0.0.1:7800 --data farm
+  photonfarm-worker --coordinator http://127.0.0.1:7800
+  photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --wait -o image.exr
+
+Everything that the coordinator knows lies in the data folder: stop it or kill it, start it again
+with the same folder, and its jobs go on. There are no accounts yet: whoever can connect can do
+everything, so an address that other machines can reach needs --insecure-listen. Port 0 takes a free
+port; the first line on standard output says which. RUST_LOG sets how much is logged (warn, info,
+debug, photonfarm_coordinator=trace, ...).";
+
+const SET_HELP: &str = "\
+Set an integrator's setting, by its name in the job's JSON:
+path: samples, max_depth
+pppm: photons, samples, alpha, sigma1, max_depth
+pcf:  photons, samples, alpha, p, sigma1, theta1, lookup_vertex, samplers, max_depth
+where photons counts light paths per iteration, samples counts camera samples per pixel and iteration,
+sigma1 is in scene units or `auto`, theta1 in degrees, lookup_vertex a number or `auto`, samplers a
+list such as bsdf,camera, and max_depth bounds the edges from camera to light (-1: no limit)";
+
+/// Renders scenes by photon mapping, alone or on a farm of machines.
+#[derive(Debug, Parser)]
+#[command(name = "photonfarm", version, after_help = EXIT_CODES, arg_required_else_help = true)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Render a scene on this machine
+    #[command(after_help = RENDER_EXAMPLES)]
+    Render(RenderArgs),
+    /// Run the coordinator of a farm
+    #[command(after_help = SERVE_EXAMPLES)]
+    Serve(ServeArgs),
+    /// Send a scene to a farm
+    #[command(after_help = SUBMIT_EXAMPLES)]
+    Submit(SubmitArgs),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RenderArgs {
+    #[command(flatten)]
+    pub(crate) job: JobArgs,
+    /// Picture to write; the PNG beside it has the same name with the extension png
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(crate) output: PathBuf,
+    /// Threads to render with [default: one per processor]
+    #[arg(long, value_name = "T")]
+    pub(crate) threads: Option<NonZeroUsize>,
+    /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
+    #[arg(long, value_name = "FILE")]
+    pub(crate) stats: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ServeArgs {
+    /// Address and port to listen on
+    #[arg(long, value_name = "ADDR")]
+    pub(crate) listen: String,
+    /// Folder for jobs and images; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: PathBuf,
+    /// Allow an address that other machines can reach: whoever can connect can do everything
+    #[arg(long)]
+    pub(crate) insecure_listen: bool,
+    /// Log as JSON, one object per line
+    #[arg(long)]
+    pub(crate) log_json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SubmitArgs {
+    #[command(flatten)]
+    pub(crate) job: JobArgs,
+    /// The farm's coordinator, such as http://127.0.0.1:7800
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
+    pub(crate) coordinator: String,
+    /// Wait until the job is done
+    #[arg(long)]
+    pub(crate) wait: bool,
+    /// Picture to write when the job is done, with a PNG beside it
+    #[arg(short, long, value_name = "OUT.exr", requires = "wait")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+/// What to render.
+#[derive(Debug, Args)]
+pub(crate) struct JobArgs {
+    /// Scene file in the Mitsuba 3 XML format
+    #[arg(value_name = "SCENE")]
+    pub(crate) scene: PathBuf,
+    /// How to render [default: the scene's own if it is one of these, else pcf]
+    #[arg(long, value_enum)]
+    pub(crate) integrator: Option<IntegratorName>,
+    /// Iterations to average [default: 64; for path, those that take the scene's sample_count]
+    #[arg(long, value_name = "N")]
+    pub(crate) iterations: Option<NonZeroU32>,
+    /// Seed of the random numbers
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Give a value to a <default> parameter of the scene (repeatable)
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = pair)]
+    pub(crate) define: Vec<(String, String)>,
+    #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = SET_HELP)]
+    pub(crate) set: Vec<(String, String)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum IntegratorName {
+    /// Path tracing
+    Path,
+    /// Probabilistic progressive photon mapping
+    Pppm,
+    /// Photon cone focusing
+    Pcf,
+}
+
+fn pair(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() => Ok((name.to_owned(), value.to_owned())),
+        _ => Err("expected NAME=VALUE".to_owned()),
+    }
+}
+
+/// The pairs by name; a name given twice is an error, since one of the values would be lost.
+pub(crate) fn unique(option: &str, pairs: &[(String, String)]) -> anyhow::Result<BTreeMap<String, String>> {
+    let mut map = BTreeMap::new();
+    for (name, value) in pairs {
+        if let Some(first) = map.insert(name.clone(), value.clone()) {
+            anyhow::bail!("{option} {name} is given twice, as `{first}` and as `{value}`: leave one of them out");
+        }
+    }
+    Ok(map)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn promised_names_are_understood() {
+        for line in [
+            "photonfarm render s.xml -o o.exr --integrator path --iterations 4 --seed 7 -D a=b -D c=d=e \
+             --set samples=2 --set max_depth=-1 --threads 3 --stats s.json",
+            "photonfarm serve --listen 127.0.0.1:0 --data d",
+            "photonfarm submit s.xml --coordinator http://localhost:1 --wait -o o.exr --integrator pcf -Dx=1",
+        ] {
+            Cli::try_parse_from(line.split_whitespace()).unwrap_or_else(|e| panic!("{line}: {e}"));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_meant_is_refused() {
+        for line in [
+            "photonfarm render s.xml",
+            "photonfarm render s.xml -o o.exr --iterations 0",
+            "photonfarm render s.xml -o o.exr --threads 0",
+            "photonfarm render s.xml -o o.exr --integrator sppm",
+            "photonfarm render s.xml -o o.exr -D name",
+            "photonfarm render s.xml -o o.exr --set =1",
+            "photonfarm submit s.xml --coordinator http://localhost:1 -o o.exr",
+            "photonfarm serve --data d",
+        ] {
+            assert!(Cli::try_parse_from(line.split_whitespace()).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_name_given_twice_is_refused() {
+        let pairs = [("a".to_owned(), "1".to_owned()), ("a".to_owned(), "2".to_owned())];
+        let message = unique("-D", &pairs).unwrap_err().to_string();
+        assert!(message.contains("-D a is given twice"), "{message}");
+    }
+}

@@ -1,0 +1,269 @@
+//! A client of the coordinator's public interface that goes on through restarts.
+
+use anyhow::{Context, Result, anyhow, bail};
+use futures_util::StreamExt;
+use photonfarm_proto::api::{BundleReply, EVENT_END, EVENT_STATUS, Health, IDEMPOTENCY_KEY};
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::job::{JobSpec, JobStatus};
+use photonfarm_proto::problem::Problem;
+use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
+use std::time::{Duration, Instant};
+use tokio::time::sleep;
+
+/// How long the first answer may take: a coordinator that is just starting.
+const FIRST_PATIENCE: Duration = Duration::from_secs(10);
+/// How long a coordinator that has answered before may stay away.
+const PATIENCE: Duration = Duration::from_secs(15 * 60);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest silence within an answer; event streams send comments more often than this.
+const READ_TIMEOUT: Duration = Duration::from_secs(60);
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_PAUSE: Duration = Duration::from_secs(5);
+/// Longest line of an event stream: far beyond any job's status.
+const EVENT_BYTES: usize = 16 << 20;
+
+/// A coordinator.
+#[derive(Clone, Debug)]
+pub(crate) struct Client {
+    http: reqwest::Client,
+    base: Url,
+}
+
+/// Why a request has no answer.
+enum Failure {
+    /// It may have one later.
+    Away(anyhow::Error),
+    /// It will never have one.
+    Refused(anyhow::Error),
+}
+
+impl Client {
+    /// The coordinator at `url`.
+    pub(crate) fn new(url: &str) -> Result<Self> {
+        let advice = "give the coordinator as http://HOST:PORT";
+        let base = Url::parse(url).with_context(|| format!("`{url}` is not a URL: {advice}"))?;
+        if base.scheme() != "http" || base.host().is_none() {
+            bail!("`{url}` cannot be a coordinator: {advice}");
+        }
+        let http = reqwest::Client::builder()
+            .connect_timeout(CONNECT_TIMEOUT)
+            .read_timeout(READ_TIMEOUT)
+            .build()?;
+        Ok(Self { http, base })
+    }
+
+    /// Waits until the coordinator answers.
+    pub(crate) async fn connect(&self) -> Result<Health> {
+        let health = self
+            .retry(FIRST_PATIENCE, || self.request(Method::GET, "healthz"))
+            .await;
+        let response = health.with_context(|| {
+            format!(
+                "no coordinator answers at {}; is `photonfarm serve` running there?",
+                self.base
+            )
+        })?;
+        let advice = "something answers there, but not a Photonfarm coordinator";
+        response
+            .json()
+            .await
+            .with_context(|| format!("{}: {advice}", self.base))
+    }
+
+    /// Announces a bundle; the answer says what is missing.
+    pub(crate) async fn announce(&self, manifest: &BundleManifest) -> Result<BundleReply> {
+        let request = || self.request(Method::POST, "bundles").json(manifest);
+        Ok(self.retry(PATIENCE, request).await?.json().await?)
+    }
+
+    /// Sends a file of a bundle.
+    pub(crate) async fn upload(&self, hash: BlobHash, bytes: &[u8]) -> Result<()> {
+        let path = format!("blobs/{hash}");
+        self.retry(PATIENCE, || self.request(Method::PUT, &path).body(bytes.to_vec()))
+            .await?;
+        Ok(())
+    }
+
+    /// Creates a job. The key makes repetition harmless: a job is created once.
+    pub(crate) async fn submit(&self, spec: &JobSpec, key: &str) -> Result<JobStatus> {
+        let request = || {
+            self.request(Method::POST, "jobs")
+                .header(IDEMPOTENCY_KEY, key)
+                .json(spec)
+        };
+        Ok(self.retry(PATIENCE, request).await?.json().await?)
+    }
+
+    /// An image of a job, in the format `exr` or `png`.
+    pub(crate) async fn image(&self, job: JobId, format: &str) -> Result<Vec<u8>> {
+        let path = format!("jobs/{job}/image.{format}");
+        let started = Instant::now();
+        loop {
+            let response = self.retry(PATIENCE, || self.request(Method::GET, &path)).await?;
+            match response.bytes().await {
+                Ok(bytes) => return Ok(bytes.into()),
+                Err(error) if started.elapsed() > PATIENCE => return Err(error.into()),
+                Err(_) => sleep(FIRST_PAUSE).await,
+            }
+        }
+    }
+
+    /// Follows a job to its end, however often the connection breaks, and tells `watch` of each status.
+    pub(crate) async fn follow(&self, job: JobId, mut watch: impl FnMut(&JobStatus)) -> Result<JobStatus> {
+        let path = format!("jobs/{job}/events");
+        loop {
+            let response = self.retry(PATIENCE, || self.request(Method::GET, &path)).await?;
+            let mut events = Events::of(response);
+            while let Some((name, data)) = events.next().await? {
+                if name != EVENT_STATUS && name != EVENT_END {
+                    continue;
+                }
+                let status: JobStatus = serde_json::from_str(&data).context("cannot read the job's status")?;
+                watch(&status);
+                if status.state.ended() {
+                    return Ok(status);
+                }
+            }
+            sleep(FIRST_PAUSE).await;
+        }
+    }
+
+    fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        let base = self.base.as_str().trim_end_matches('/');
+        self.http.request(method, format!("{base}/v1/{path}"))
+    }
+
+    /// Sends a request again and again, with growing pauses, until it is answered or refused.
+    async fn retry(&self, patience: Duration, request: impl Fn() -> RequestBuilder) -> Result<Response> {
+        let (started, mut pause) = (Instant::now(), FIRST_PAUSE);
+        loop {
+            match send(request()).await {
+                Ok(response) => return Ok(response),
+                Err(Failure::Refused(error)) => return Err(error),
+                Err(Failure::Away(error)) if started.elapsed() + pause > patience => return Err(error),
+                Err(Failure::Away(error)) => tracing::debug!("the coordinator is away: {error:#}"),
+            }
+            sleep(pause).await;
+            pause = (pause * 2).min(LONGEST_PAUSE);
+        }
+    }
+}
+
+async fn send(request: RequestBuilder) -> Result<Response, Failure> {
+    let response = request.send().await.map_err(|error| match error.is_builder() {
+        true => Failure::Refused(error.into()),
+        false => Failure::Away(error.into()),
+    })?;
+    let status = response.status();
+    if status.is_success() {
+        return Ok(response);
+    }
+    let text = response.text().await.map_err(|error| Failure::Away(error.into()))?;
+    let busy = [
+        StatusCode::BAD_GATEWAY,
+        StatusCode::SERVICE_UNAVAILABLE,
+        StatusCode::GATEWAY_TIMEOUT,
+    ];
+    match serde_json::from_str::<Problem>(&text) {
+        Ok(problem) if problem.retryable => Err(Failure::Away(problem.into())),
+        Ok(problem) => Err(Failure::Refused(problem.into())),
+        Err(_) if busy.contains(&status) => Err(Failure::Away(anyhow!("answered {status}"))),
+        Err(_) => Err(Failure::Refused(anyhow!(
+            "answered {status}: is this a Photonfarm coordinator?"
+        ))),
+    }
+}
+
+/// Server-sent events (HTML standard, section 9.2) of an answer.
+struct Events {
+    response: std::pin::Pin<Box<dyn futures_util::Stream<Item = reqwest::Result<Vec<u8>>> + Send>>,
+    pending: Vec<u8>,
+}
+
+impl Events {
+    fn of(response: Response) -> Self {
+        let chunks = response.bytes_stream().map(|chunk| chunk.map(|bytes| bytes.to_vec()));
+        Self {
+            response: Box::pin(chunks),
+            pending: Vec::new(),
+        }
+    }
+
+    /// The name and data of the next event; nothing once the connection has ended.
+    async fn next(&mut self) -> Result<Option<(String, String)>> {
+        let (mut name, mut data) = (String::new(), String::new());
+        while let Some(line) = self.line().await? {
+            match line.split_once(':') {
+                Some(("event", value)) => name = value.trim_start().to_owned(),
+                Some(("data", value)) => {
+                    data.push_str(value.strip_prefix(' ').unwrap_or(value));
+                    data.push('\n');
+                }
+                _ if line.is_empty() && !data.is_empty() => return Ok(Some((name, data))),
+                _ => {}
+            }
+        }
+        Ok(None)
+    }
+
+    async fn line(&mut self) -> Result<Option<String>> {
+        loop {
+            if let Some(end) = self.pending.iter().position(|b| *b == b'\n') {
+                let line: Vec<u8> = self.pending.drain(..=end).collect();
+                return Ok(Some(
+                    String::from_utf8_lossy(&line).trim_end_matches(['\r', '\n']).to_owned(),
+                ));
+            }
+            if self.pending.len() > EVENT_BYTES {
+                bail!("an event of more than {EVENT_BYTES} bytes: is this a Photonfarm coordinator?");
+            }
+            match self.response.next().await {
+                Some(Ok(chunk)) => self.pending.extend_from_slice(&chunk),
+                Some(Err(_)) | None => return Ok(None),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn events(chunks: &[&str]) -> Events {
+        let chunks: Vec<reqwest::Result<Vec<u8>>> = chunks.iter().map(|c| Ok(c.as_bytes().to_vec())).collect();
+        Events {
+            response: Box::pin(futures_util::stream::iter(chunks)),
+            pending: Vec::new(),
+        }
+    }
+
+    #[tokio::test]
+    async fn events_are_read_across_chunks() {
+        let mut events = events(&[
+            "event: sta",
+            "tus\nda",
+            "ta: {}\n\n: alive\n\nevent:end\r\ndata:1\r\ndata:2\r\n\r\n",
+            "data: cut",
+        ]);
+        let mut next = async || events.next().await.unwrap();
+        assert_eq!(next().await, Some(("status".into(), "{}\n".into())));
+        assert_eq!(next().await, Some(("end".into(), "1\n2\n".into())));
+        assert_eq!(next().await, None);
+    }
+
+    #[test]
+    fn addresses_that_cannot_be_are_refused_with_advice() {
+        for url in [
+            "",
+            "localhost:1",
+            "ftp://farm",
+            "127.0.0.1:80",
+            "https://farm",
+            "http://",
+        ] {
+            let message = format!("{:#}", Client::new(url).unwrap_err());
+            assert!(message.contains("http://HOST:PORT"), "{url}: {message}");
+        }
+    }
+}

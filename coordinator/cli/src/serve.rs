@@ -1,0 +1,57 @@
+//! `photonfarm serve`: the coordinator of a farm.
+
+use crate::args::ServeArgs;
+use anyhow::{Context, Result, anyhow};
+use photonfarm_coordinator::{Config, Coordinator};
+use std::io::{ErrorKind, Write};
+use tokio::net::TcpListener;
+
+/// Runs the command until it is told to stop.
+pub(crate) fn run(args: ServeArgs) -> Result<()> {
+    tokio::runtime::Runtime::new()?.block_on(serve(args))
+}
+
+async fn serve(args: ServeArgs) -> Result<()> {
+    let listener = TcpListener::bind(&args.listen)
+        .await
+        .map_err(|error| match error.kind() {
+            ErrorKind::AddrInUse => anyhow!(
+                "{} is in use: choose another port, or end what listens there",
+                args.listen
+            ),
+            ErrorKind::PermissionDenied => anyhow!("{} is not allowed: choose a port above 1023", args.listen),
+            _ => anyhow!(
+                "cannot listen on {}: {error}; give an address and a port, such as 127.0.0.1:7800",
+                args.listen
+            ),
+        })?;
+    let stop = stop_signal()?;
+    let config = Config {
+        insecure_listen: args.insecure_listen,
+        ..Config::new(&args.data)
+    };
+    let coordinator = Coordinator::start(config, listener)
+        .await
+        .with_context(|| format!("cannot serve {} at {}", args.data.display(), args.listen))?;
+    println!("listening on {}", coordinator.url());
+    std::io::stdout().flush()?;
+    stop.await;
+    tracing::info!("stopping; jobs go on when the coordinator is started again with the same data folder");
+    coordinator.shutdown().await;
+    Ok(())
+}
+
+/// Ends on Ctrl-C, or on SIGTERM where there is one.
+fn stop_signal() -> Result<impl Future<Output = ()>> {
+    #[cfg(unix)]
+    let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+    Ok(async move {
+        #[cfg(unix)]
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = tokio::signal::ctrl_c() => {}
+        }
+        #[cfg(not(unix))]
+        let _ = tokio::signal::ctrl_c().await;
+    })
+}

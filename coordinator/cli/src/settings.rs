@@ -1,0 +1,239 @@
+//! The integrator's settings: the scene's wishes, overridden by the command line.
+
+use crate::args::IntegratorName;
+use anyhow::{Context, Result, bail};
+use photonfarm_core::scene::Wishes;
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Iterations where neither the command line nor the scene says more.
+const DEFAULT_ITERATIONS: u32 = 64;
+
+/// The integrator to render with: the one named, else the scene's own, else `pcf`; then `--set` on top.
+///
+/// The scene's own settings are kept where it is the scene's own integrator, and its `max_depth` in any case.
+pub(crate) fn integrator(
+    name: Option<IntegratorName>,
+    wishes: &Wishes,
+    set: &BTreeMap<String, String>,
+) -> Result<IntegratorSettings> {
+    let own = wishes
+        .integrator
+        .as_ref()
+        .filter(|own| name.is_none_or(|name| name == name_of(own)));
+    let base = match own {
+        Some(own) => own.clone(),
+        None => defaults(name.unwrap_or(IntegratorName::Pcf), wishes.max_depth),
+    };
+    let settings = override_settings(&base, set)?;
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// Iterations to average: for `path` those that take the scene's samples per pixel.
+pub(crate) fn default_iterations(settings: &IntegratorSettings, wishes: &Wishes) -> u32 {
+    match (settings, wishes.sample_count) {
+        (IntegratorSettings::Path(path), Some(samples)) => samples.div_ceil(path.samples.max(1)).max(1),
+        _ => DEFAULT_ITERATIONS,
+    }
+}
+
+fn name_of(settings: &IntegratorSettings) -> IntegratorName {
+    match settings {
+        IntegratorSettings::Path(_) => IntegratorName::Path,
+        IntegratorSettings::Pppm(_) => IntegratorName::Pppm,
+        IntegratorSettings::Pcf(_) => IntegratorName::Pcf,
+    }
+}
+
+fn defaults(name: IntegratorName, max_depth: Option<u32>) -> IntegratorSettings {
+    match name {
+        IntegratorName::Path => IntegratorSettings::Path(PathSettings {
+            max_depth,
+            ..Default::default()
+        }),
+        IntegratorName::Pppm => IntegratorSettings::Pppm(PppmSettings {
+            max_depth,
+            ..Default::default()
+        }),
+        IntegratorName::Pcf => IntegratorSettings::Pcf(PcfSettings {
+            max_depth,
+            ..Default::default()
+        }),
+    }
+}
+
+fn override_settings(base: &IntegratorSettings, set: &BTreeMap<String, String>) -> Result<IntegratorSettings> {
+    let mut json = serde_json::to_value(base)?;
+    let Value::Object(fields) = &mut json else {
+        bail!("settings of an integrator are a JSON object")
+    };
+    let integrator = fields["type"].as_str().unwrap_or_default().to_owned();
+    for (name, text) in set {
+        if name == "type" || !fields.contains_key(name) {
+            let valid: Vec<&str> = fields.keys().map(String::as_str).filter(|key| *key != "type").collect();
+            bail!(
+                "--set {name}: the integrator {integrator} has no such setting; it has {}",
+                valid.join(", ")
+            );
+        }
+        fields.insert(name.clone(), value(name, text));
+        serde_json::from_value::<IntegratorSettings>(Value::Object(fields.clone()))
+            .with_context(|| format!("--set {name}={text}"))?;
+    }
+    Ok(serde_json::from_value(json)?)
+}
+
+/// The JSON value of a setting: a number where it reads as one, a list for `samplers`, nothing for the absence of a
+/// limit or an automatic bandwidth.
+fn value(name: &str, text: &str) -> Value {
+    match (name, text) {
+        ("samplers", _) => text.split(',').map(str::trim).collect(),
+        ("max_depth", "-1" | "none") | ("sigma1", "auto") => Value::Null,
+        _ => {
+            let integer = text.parse::<u64>().ok().map(Value::from);
+            let number = || {
+                text.parse::<f64>()
+                    .ok()
+                    .and_then(serde_json::Number::from_f64)
+                    .map(Value::Number)
+            };
+            integer.or_else(number).unwrap_or_else(|| Value::from(text))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photonfarm_core::settings::{DirectionSampler, LookupVertex};
+
+    fn set(pairs: &[(&str, &str)]) -> BTreeMap<String, String> {
+        pairs.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect()
+    }
+
+    fn chosen(name: Option<IntegratorName>, wishes: &Wishes, pairs: &[(&str, &str)]) -> IntegratorSettings {
+        integrator(name, wishes, &set(pairs)).unwrap()
+    }
+
+    fn refused(name: IntegratorName, pair: (&str, &str)) -> String {
+        format!(
+            "{:#}",
+            integrator(Some(name), &Wishes::default(), &set(&[pair])).unwrap_err()
+        )
+    }
+
+    #[test]
+    fn the_command_line_wins_then_the_scene_then_pcf() {
+        let own = IntegratorSettings::Pppm(PppmSettings {
+            photons: 5,
+            max_depth: Some(9),
+            ..Default::default()
+        });
+        let wishes = Wishes {
+            integrator: Some(own.clone()),
+            max_depth: Some(9),
+            sample_count: None,
+        };
+        assert_eq!(chosen(None, &wishes, &[]), own);
+        assert_eq!(chosen(Some(IntegratorName::Pppm), &wishes, &[]), own);
+        let path = IntegratorSettings::Path(PathSettings {
+            max_depth: Some(9),
+            ..Default::default()
+        });
+        assert_eq!(chosen(Some(IntegratorName::Path), &wishes, &[]), path);
+        let foreign = Wishes {
+            integrator: None,
+            max_depth: Some(3),
+            sample_count: None,
+        };
+        let pcf = IntegratorSettings::Pcf(PcfSettings {
+            max_depth: Some(3),
+            ..Default::default()
+        });
+        assert_eq!(chosen(None, &foreign, &[]), pcf);
+    }
+
+    #[test]
+    fn every_setting_can_be_set() {
+        let pairs = [
+            ("photons", "1000"),
+            ("samples", "2"),
+            ("alpha", "0.3"),
+            ("p", "2"),
+            ("sigma1", "0.25"),
+            ("theta1", "10.5"),
+            ("lookup_vertex", "2"),
+            ("samplers", "bsdf, camera"),
+            ("max_depth", "7"),
+        ];
+        let expected = PcfSettings {
+            photons: 1000,
+            samples: 2,
+            alpha: 0.3,
+            p: 2.0,
+            sigma1: Some(0.25),
+            theta1: 10.5,
+            lookup_vertex: LookupVertex::Fixed(2),
+            samplers: vec![DirectionSampler::Bsdf, DirectionSampler::Camera],
+            max_depth: Some(7),
+        };
+        assert_eq!(
+            chosen(Some(IntegratorName::Pcf), &Wishes::default(), &pairs),
+            IntegratorSettings::Pcf(expected)
+        );
+        let wishes = Wishes {
+            max_depth: Some(4),
+            ..Wishes::default()
+        };
+        let open = chosen(Some(IntegratorName::Path), &wishes, &[("max_depth", "-1")]);
+        assert_eq!(open, IntegratorSettings::Path(PathSettings::default()));
+    }
+
+    #[test]
+    fn errors_name_the_setting_and_what_is_valid() {
+        let message = refused(IntegratorName::Path, ("alpha", "0.5"));
+        assert!(
+            message.contains("--set alpha") && message.contains("max_depth, samples"),
+            "{message}"
+        );
+        let message = refused(IntegratorName::Pcf, ("type", "path"));
+        assert!(message.contains("lookup_vertex"), "{message}");
+        for pair in [
+            ("samples", "many"),
+            ("samples", "-3"),
+            ("samples", "1.5"),
+            ("samplers", "bsdf,moon"),
+        ] {
+            let message = refused(IntegratorName::Pcf, pair);
+            assert!(message.contains(&format!("--set {}={}", pair.0, pair.1)), "{message}");
+        }
+        for pair in [
+            ("alpha", "1.5"),
+            ("photons", "0"),
+            ("theta1", "-4"),
+            ("alpha", "NaN"),
+            ("lookup_vertex", "0"),
+        ] {
+            let message = refused(IntegratorName::Pcf, pair);
+            assert!(message.contains(pair.0), "{message}");
+        }
+    }
+
+    #[test]
+    fn path_takes_the_scenes_samples() {
+        let wishes = Wishes {
+            sample_count: Some(65),
+            ..Wishes::default()
+        };
+        let iterations =
+            |name, samples| default_iterations(&chosen(Some(name), &wishes, &[("samples", samples)]), &wishes);
+        assert_eq!(iterations(IntegratorName::Path, "16"), 5);
+        assert_eq!(iterations(IntegratorName::Pcf, "16"), 64);
+        assert_eq!(
+            default_iterations(&defaults(IntegratorName::Path, None), &Wishes::default()),
+            64
+        );
+    }
+}
