@@ -10,9 +10,9 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 /// Children of a node.
-pub(super) const WIDTH: usize = 4;
+pub(super) const WIDTH: usize = 8;
 /// One value per child.
-pub(super) type Lanes = wide::f32x4;
+pub(super) type Lanes = wide::f32x8;
 
 /// What a node's slot refers to, in 32 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

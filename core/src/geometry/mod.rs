@@ -103,8 +103,6 @@ pub struct Geometry {
     shapes: Vec<Shape>,
     /// Index of each shape's first primitive.
     first_primitive: Vec<u32>,
-    /// Shape of each primitive.
-    shape_of: Vec<u32>,
     hierarchy: Hierarchy,
 }
 
@@ -124,22 +122,24 @@ impl Geometry {
     /// Triangles without area keep their number but are never hit.
     ///
     /// # Panics
-    /// If there are 2^30 primitives or more, or a mesh refers to a vertex that it does not have.
+    /// If there are 2^29 primitives or more, or a mesh refers to a vertex that it does not have.
     #[must_use]
     pub fn build(shapes: Vec<Shape>) -> Self {
         let count: usize = shapes.iter().map(Shape::primitives).sum();
-        assert!(count < 1 << 30, "{count} primitives: the limit is 2^30");
-        let mut first_primitive = Vec::with_capacity(shapes.len());
-        let mut shape_of = Vec::with_capacity(count);
-        for (index, shape) in shapes.iter().enumerate() {
-            first_primitive.push(shape_of.len() as u32);
-            shape_of.resize(shape_of.len() + shape.primitives(), index as u32);
-        }
+        assert!(count < 1 << 29, "{count} primitives: the limit is 2^29");
+        let mut next = 0;
+        let first_primitive = shapes
+            .iter()
+            .map(|shape| {
+                let first = next;
+                next += shape.primitives() as u32;
+                first
+            })
+            .collect();
         let hierarchy = Hierarchy::build(&shapes);
         Self {
             shapes,
             first_primitive,
-            shape_of,
             hierarchy,
         }
     }

@@ -25,11 +25,11 @@ struct Interpolated {
 impl Geometry {
     pub(super) fn surface_point(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         let along = || ray.origin.as_dvec3() + hit.t * ray.direction.as_dvec3();
-        let shape = self.shape_of[hit.primitive as usize];
+        let shape = self.first_primitive.partition_point(|first| *first <= hit.primitive) as u32 - 1;
         let interpolated = match &self.shapes[shape as usize] {
             Shape::Mesh(mesh) => {
                 let triangle = hit.primitive - self.first_primitive[shape as usize];
-                on_triangle(mesh, triangle, hit.barycentric)
+                on_triangle(mesh, triangle, self.hierarchy.corners(hit), hit.barycentric)
             }
             Shape::Sphere {
                 center,
@@ -53,7 +53,8 @@ impl Geometry {
         };
         let barycentric = [barycentric.x, barycentric.y].map(f64::from);
         let primitive = self.first_primitive[shape.0 as usize] + triangle;
-        Some(on_triangle(mesh, triangle, barycentric).finish(shape, primitive, 0.0))
+        let corners = mesh.triangles[triangle as usize].map(|i| mesh.positions[i as usize]);
+        Some(on_triangle(mesh, triangle, corners, barycentric).finish(shape, primitive, 0.0))
     }
 
     /// The point of a sphere in the unit direction `normal` from its centre, or of a disc at `local` on the unit disc.
@@ -72,32 +73,30 @@ impl Geometry {
     }
 }
 
-fn on_triangle(mesh: &TriangleMesh, triangle: u32, barycentric: [f64; 2]) -> Interpolated {
-    let indices = mesh.triangles[triangle as usize].map(|i| i as usize);
-    let corners = indices.map(|i| mesh.positions[i]);
+#[inline]
+fn on_triangle(mesh: &TriangleMesh, triangle: u32, corners: [Vec3; 3], barycentric: [f64; 2]) -> Interpolated {
     let [p0, p1, p2] = corners.map(|p| p.as_dvec3());
     let [b1, b2] = barycentric;
     let (e1, e2) = (p1 - p0, p2 - p0);
     let face_normal = e1.cross(e2).normalize_or_zero().as_vec3();
     let weights = [1.0 - b1 - b2, b1, b2];
     let blend = weights.map(|w| w as f32);
+    let indices = || mesh.triangles[triangle as usize].map(|i| i as usize);
     let shading_normal = if mesh.normals.is_empty() {
         face_normal
     } else {
-        let sum = (0..3).map(|k| mesh.normals[indices[k]] * blend[k]).sum::<Vec3>();
+        let [n0, n1, n2] = indices().map(|i| mesh.normals[i]);
+        let sum = n0 * blend[0] + n1 * blend[1] + n2 * blend[2];
         sum.try_normalize().unwrap_or(face_normal)
     };
-    let disagree = face_normal.dot(shading_normal) < 0.0;
     let (uv, tangent) = if mesh.uvs.is_empty() {
         (Vec2::new(blend[1], blend[2]), Vec3::ZERO)
     } else {
-        let [uv0, uv1, uv2] = indices.map(|i| mesh.uvs[i]);
-        let (d1, d2) = (uv1 - uv0, uv2 - uv0);
-        let determinant = d1.perp_dot(d2);
-        let tangent = (e1.as_vec3() * d2.y - e2.as_vec3() * d1.y) * determinant.signum();
-        let tangent = if determinant == 0.0 { Vec3::ZERO } else { tangent };
-        (uv0 * blend[0] + uv1 * blend[1] + uv2 * blend[2], tangent)
+        let [uv0, uv1, uv2] = indices().map(|i| mesh.uvs[i]);
+        let uv = uv0 * blend[0] + uv1 * blend[1] + uv2 * blend[2];
+        (uv, along_u([e1.as_vec3(), e2.as_vec3()], [uv1 - uv0, uv2 - uv0]))
     };
+    let disagree = face_normal.dot(shading_normal) < 0.0;
     Interpolated {
         position: p0 * weights[0] + p1 * weights[1] + p2 * weights[2],
         extent: corners[0].abs().max(corners[1].abs()).max(corners[2].abs()),
@@ -106,6 +105,15 @@ fn on_triangle(mesh: &TriangleMesh, triangle: u32, barycentric: [f64; 2]) -> Int
         uv,
         tangent,
     }
+}
+
+/// The direction along which u grows on a triangle, from two edges and the differences of (u, v) along them.
+fn along_u(edges: [Vec3; 2], differences: [Vec2; 2]) -> Vec3 {
+    let determinant = differences[0].perp_dot(differences[1]);
+    if determinant == 0.0 {
+        return Vec3::ZERO;
+    }
+    (edges[0] * differences[1].y - edges[1] * differences[0].y) * determinant.signum()
 }
 
 /// `offset` points from the centre to the point; its length is corrected.
@@ -153,6 +161,7 @@ fn on_disk(local: DVec3, to_world: &Transform, flip_normals: bool) -> Interpolat
 }
 
 impl Interpolated {
+    #[inline]
     fn finish(self, shape: ShapeId, primitive: u32, distance: f32) -> SurfacePoint {
         let position = self.position.as_vec3();
         SurfacePoint {
@@ -169,7 +178,11 @@ impl Interpolated {
 }
 
 /// The basis about `normal` whose first axis is nearest to `tangent`; any where that says nothing.
+#[inline]
 fn frame_along(normal: Vec3, tangent: Vec3) -> Frame {
+    if tangent == Vec3::ZERO {
+        return Frame::from_normal(normal);
+    }
     match (tangent - normal * normal.dot(tangent)).try_normalize() {
         Some(s) => Frame {
             s,

@@ -6,7 +6,8 @@
 
 use super::Ray;
 use super::hierarchy::{Child, Hierarchy, Lanes, Node, Target, WIDTH};
-use super::triangle::ShearedRay;
+use super::triangle::{LANES, ShearedRay, TriangleHit};
+use crate::math::Vec3;
 
 /// A hit of some primitive.
 #[derive(Clone, Copy, Debug)]
@@ -17,6 +18,8 @@ pub(super) struct Hit {
     pub(super) barycentric: [f64; 2],
     /// Primitive index.
     pub(super) primitive: u32,
+    /// Where the hierarchy keeps the triangle; see [`Hierarchy::corners`].
+    pub(super) place: u32,
 }
 
 /// A direction component no smaller than this keeps slab distances finite, or infinite but never NaN.
@@ -24,7 +27,7 @@ const SMALLEST_COMPONENT: f32 = 1e-30;
 /// Covers the rounding of a slab distance: three operations at each end.
 const SLAB_MARGIN: f32 = 1.0 + 4.0 * f32::EPSILON;
 /// Entries of the stack before it moves to the heap.
-const STACK: usize = 96;
+const STACK: usize = 48;
 
 /// What the box test needs of a ray.
 struct SlabRay {
@@ -68,14 +71,15 @@ impl SlabRay {
 struct Stack {
     entries: [(f32, Child); STACK],
     len: usize,
+    /// Entries above the first [`STACK`], for hierarchies of unusual depth.
     overflow: Vec<(f32, Child)>,
 }
 
 impl Stack {
-    fn new(root: Child) -> Self {
+    fn new() -> Self {
         Self {
-            entries: [(0.0, root); STACK],
-            len: 1,
+            entries: [(0.0, Child::ROOT); STACK],
+            len: 0,
             overflow: Vec::new(),
         }
     }
@@ -90,35 +94,73 @@ impl Stack {
         }
     }
 
+    /// The nearest entry that begins before `limit`.
     #[inline]
-    fn pop(&mut self) -> Option<(f32, Child)> {
-        if !self.overflow.is_empty() {
-            return self.overflow.pop();
+    fn pop(&mut self, limit: f32) -> Option<Child> {
+        while let Some(entry) = self.overflow.pop() {
+            if entry.0 <= limit {
+                return Some(entry.1);
+            }
         }
-        self.len = self.len.checked_sub(1)?;
-        Some(self.entries[self.len])
+        while self.len > 0 {
+            self.len -= 1;
+            let entry = self.entries[self.len];
+            if entry.0 <= limit {
+                return Some(entry.1);
+            }
+        }
+        None
     }
 
-    /// Pushes the children of `mask` so that the nearest is popped first.
+    /// Pushes all children of the non-empty `mask` but the nearest, farthest first, and returns the nearest.
     #[inline]
-    fn push_sorted(&mut self, node: &Node, entry: &[f32; WIDTH], mut mask: u32) {
-        let mut hits = [(0.0, Child::ROOT); WIDTH];
-        let mut count = 0;
-        while mask != 0 {
-            let slot = mask.trailing_zeros() as usize;
+    fn push_farther(&mut self, node: &Node, entry: &[f32; WIDTH], mut mask: u32) -> Child {
+        let mut next = || {
+            let slot = mask.trailing_zeros() as usize % WIDTH;
             mask &= mask - 1;
-            let hit = (entry[slot], node.children[slot]);
+            ((entry[slot], node.children[slot]), mask == 0)
+        };
+        let (mut first, mut last) = next();
+        if last {
+            return first.1;
+        }
+        let mut second;
+        (second, last) = next();
+        if second.0 < first.0 {
+            (first, second) = (second, first);
+        }
+        if last {
+            self.push(second);
+            return first.1;
+        }
+        self.push_sorted(first, second, next)
+    }
+
+    /// The case of three children or more, of which two are given in order.
+    fn push_sorted(
+        &mut self,
+        first: (f32, Child),
+        second: (f32, Child),
+        mut next: impl FnMut() -> ((f32, Child), bool),
+    ) -> Child {
+        let mut hits = [first; WIDTH];
+        hits[1] = second;
+        let (mut count, mut last) = (2, false);
+        while !last {
+            let hit;
+            (hit, last) = next();
             let mut place = count;
-            while place > 0 && hits[place - 1].0 < hit.0 {
+            while place > 0 && hit.0 < hits[place - 1].0 {
                 hits[place] = hits[place - 1];
                 place -= 1;
             }
             hits[place] = hit;
             count += 1;
         }
-        for hit in &hits[..count] {
+        for hit in hits[1..count].iter().rev() {
             self.push(*hit);
         }
+        hits[0].1
     }
 }
 
@@ -134,6 +176,7 @@ impl Hierarchy {
             t: f64::from(ray.max_distance),
             barycentric: [0.0; 2],
             primitive: u32::MAX,
+            place: 0,
         };
         self.walk(ray, |hit| {
             if hit.t < best.t || (hit.t == best.t && hit.primitive < best.primitive && best.primitive != u32::MAX) {
@@ -155,6 +198,11 @@ impl Hierarchy {
         found
     }
 
+    /// The vertices of the triangle of a hit.
+    pub(super) fn corners(&self, hit: &Hit) -> [Vec3; 3] {
+        self.blocks[hit.place as usize / LANES].corners(hit.place as usize % LANES)
+    }
+
     /// Shows every hit at positive distance to `visit`, roughly in order, until it returns `None`; what it returns
     /// bounds the distances that still matter.
     #[inline(always)]
@@ -165,31 +213,34 @@ impl Hierarchy {
         let slabs = SlabRay::new(ray);
         let sheared = ShearedRay::new(ray, self.reach);
         let mut limit = box_limit(f64::from(ray.max_distance));
-        let mut stack = Stack::new(Child::ROOT);
-        while let Some((entry, child)) = stack.pop() {
-            if entry > limit {
-                continue;
-            }
+        let mut stack = Stack::new();
+        let mut next = Some(Child::ROOT);
+        while let Some(child) = next {
             match child.target() {
                 Target::Node(index) => {
                     let node = &self.nodes[index];
                     let (entry, mask) = slabs.enter(node, limit);
-                    stack.push_sorted(node, &entry, mask);
+                    if mask != 0 {
+                        next = Some(stack.push_farther(node, &entry, mask));
+                        continue;
+                    }
                 }
                 Target::Triangles(index) => {
                     let block = &self.blocks[index];
                     let mut mask = block.candidates(&sheared);
                     while mask != 0 {
-                        let lane = mask.trailing_zeros() as usize;
+                        let lane = mask.trailing_zeros() as usize % LANES;
                         mask &= mask - 1;
                         let Some(hit) = block.intersect(lane, &sheared).filter(|hit| hit.t > 0.0) else {
                             continue;
                         };
-                        let primitive = block.primitive(lane);
+                        let place = (index * LANES + lane) as u32;
+                        let TriangleHit { t, barycentric } = hit;
                         match visit(Hit {
-                            t: hit.t,
-                            barycentric: hit.barycentric,
-                            primitive,
+                            t,
+                            barycentric,
+                            primitive: block.primitive(lane),
+                            place,
                         }) {
                             Some(t) => limit = box_limit(t),
                             None => return,
@@ -203,6 +254,7 @@ impl Hierarchy {
                             t,
                             barycentric: [0.0; 2],
                             primitive: *primitive,
+                            place: 0,
                         }) {
                             Some(t) => limit = box_limit(t),
                             None => return,
@@ -210,6 +262,7 @@ impl Hierarchy {
                     }
                 }
             }
+            next = stack.pop(limit);
         }
     }
 }

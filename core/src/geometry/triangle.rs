@@ -95,6 +95,12 @@ impl TriangleBlock {
         self.primitives[lane]
     }
 
+    /// Vertices of the triangle in `lane`.
+    pub(super) fn corners(&self, lane: usize) -> [Vec3; 3] {
+        self.vertices
+            .map(|vertex| Vec3::from(vertex.map(|axis| axis.to_array()[lane])))
+    }
+
     /// A bit for every lane that the ray's line may hit.
     ///
     /// With `u` the unit roundoff, `m` the largest sheared coordinate of a lane and `M` a bound of all translated
