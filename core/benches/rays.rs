@@ -161,7 +161,7 @@ impl Setup {
     }
 }
 
-/// Benches `query` over `rays`, in chunks so that threads do not trace in step.
+/// Benches `query` over all `rays`.
 fn over(bencher: Bencher, rays: &'static [Ray], query: impl Fn(&Ray) -> bool + Sync) {
     bencher
         .counter(ItemsCount::new(rays.len()))

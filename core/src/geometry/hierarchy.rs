@@ -36,7 +36,7 @@ impl Child {
     const LEAF: u32 = 1 << 31;
     const CURVED: u32 = 1 << 30;
 
-    fn node(index: usize) -> Self {
+    pub(super) fn node(index: usize) -> Self {
         Self(index as u32)
     }
     fn triangles(index: usize) -> Self {

@@ -325,3 +325,38 @@ fn nothing_and_degenerate_triangles_are_never_hit() {
     assert!(!empty.occluded(&ray(Vec3::ZERO, Vec3::X)) && empty.intersect(&ray(Vec3::ZERO, Vec3::X)).is_none());
     assert_eq!(empty.bounds(), (Vec3::ZERO, Vec3::ZERO));
 }
+
+#[test]
+fn coordinates_of_any_size_neither_stop_nor_break_the_build() {
+    for scale in [1e-30_f32, 1e18, 1e30, 3e38, f32::INFINITY, f32::NAN] {
+        let mut mesh = torus(12);
+        mesh.positions.iter_mut().for_each(|p| *p *= 0.5 * scale);
+        mesh.positions[7] = Vec3::splat(scale);
+        let geometry = Geometry::build(vec![Shape::Mesh(mesh)]);
+        for path in 0..100 {
+            let mut random = random(path);
+            let ray = ray(Vec3::ZERO, warp::square_to_sphere(random.next_2d()));
+            assert_eq!(geometry.intersect(&ray).is_some(), geometry.occluded(&ray));
+        }
+    }
+}
+
+/// Large triangles in a small space: almost every box overlaps every other.
+#[test]
+fn overlapping_triangles_are_searched_exhaustively() {
+    let mut mesh = TriangleMesh::default();
+    for i in 0..5_000_u32 {
+        let mut random = random(u64::from(i));
+        mesh.positions
+            .extend((0..3).map(|_| warp::square_to_sphere(random.next_2d())));
+        mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+    }
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone())]);
+    for path in 0..200 {
+        let mut random = random(path + 100_000);
+        let origin = warp::square_to_sphere(random.next_2d()) * 1.5;
+        let ray = ray(origin, warp::square_to_sphere(random.next_2d()));
+        let found = geometry.intersect(&ray).map(|point| point.primitive as usize);
+        assert_eq!(found, brute_force(&mesh, &ray).map(|hit| hit.1));
+    }
+}

@@ -27,7 +27,7 @@ const SMALLEST_COMPONENT: f32 = 1e-30;
 /// Covers the rounding of a slab distance: three operations at each end.
 const SLAB_MARGIN: f32 = 1.0 + 4.0 * f32::EPSILON;
 /// Entries of the stack before it moves to the heap.
-const STACK: usize = 48;
+const STACK: usize = 64;
 
 /// What the box test needs of a ray.
 struct SlabRay {
@@ -264,5 +264,31 @@ impl Hierarchy {
             }
             next = stack.pop(limit);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stack_that_overflows_keeps_its_order() {
+        let mut stack = Stack::new();
+        let count = 3 * STACK;
+        (0..count).for_each(|i| stack.push((i as f32, Child::node(i))));
+        for i in (0..count).rev() {
+            let limit = if i == count - 10 { (i - 1) as f32 } else { f32::INFINITY };
+            if limit.is_finite() {
+                assert_eq!(
+                    stack.pop(limit),
+                    Some(Child::node(i - 1)),
+                    "the entry beyond the limit is dropped"
+                );
+                stack.push(((i - 1) as f32, Child::node(i - 1)));
+                continue;
+            }
+            assert_eq!(stack.pop(limit), Some(Child::node(i)));
+        }
+        assert_eq!(stack.pop(f32::INFINITY), None);
     }
 }
