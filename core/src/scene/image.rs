@@ -59,10 +59,24 @@ fn read_other(
     let format = format
         .filter(|format| format.reading_enabled())
         .ok_or_else(|| SceneError::data(place, format!("not an image of a known format; {formats}")))?;
-    let broken = |error: image::ImageError| SceneError::data(place, format!("broken {format:?} image: {error}"));
+    let memory = texel_limit.saturating_mul(16).max(1 << 20);
+    let broken = |error: image::ImageError| match error {
+        image::ImageError::Limits(_) => SceneError::Limit {
+            place: place.clone(),
+            what: "bytes of the decoded image".into(),
+            value: memory.saturating_add(1),
+            limit: memory,
+        },
+        _ => SceneError::data(place, format!("broken {format:?} image: {error}")),
+    };
+    if let (ImageFormat::Png, Some(size)) = (format, file.bytes.get(16..24)) {
+        // The decoder takes memory for a row before it tells the size.
+        let [width, height] = [&size[..4], &size[4..]].map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]));
+        check_size(u64::from(width), u64::from(height))?;
+    }
     let mut reader = ImageReader::with_format(Cursor::new(&file.bytes[..]), format);
     let mut limits = image::Limits::default();
-    limits.max_alloc = Some(texel_limit.saturating_mul(16).max(1 << 20));
+    limits.max_alloc = Some(memory);
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();

@@ -8,6 +8,7 @@ use crate::scene::description::ObjectId;
 use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
+use crate::scene::spectrum::BRIGHTEST;
 use crate::texture::{TextureFilter, WrapMode};
 use glam::DMat4;
 
@@ -99,11 +100,9 @@ impl Builder<'_, '_> {
             .iter()
             .map(|texel| texel.max_component())
             .fold(0.0, f32::max);
-        if !(brightest * scale).is_finite() {
-            return Err(reader.wrong(
-                "scale",
-                format!("the brightest texel, {brightest}, times {scale} is not finite"),
-            ));
+        if f64::from(brightest) * f64::from(scale) > BRIGHTEST {
+            let reason = format!("the brightest texel, {brightest}, times {scale} is above {BRIGHTEST:e}");
+            return Err(reader.wrong("scale", reason));
         }
         Ok(Light::Environment { image, scale, to_world })
     }

@@ -231,7 +231,13 @@ fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
     );
     let material = reader.string("material")?.filter(|name| *name != "none");
     match (material, eta, k) {
-        (None, eta, k) => Ok((eta.unwrap_or(Spectrum::ZERO), k.unwrap_or(Spectrum::ONE))),
+        (None, eta, k) => {
+            let (eta, k) = (eta.unwrap_or(Spectrum::ZERO), k.unwrap_or(Spectrum::ONE));
+            if eta.zip(k, f32::max).to_rgb().contains(&0.0) {
+                return Err(reader.wrong("k", "`eta` and `k` are both 0 in a channel"));
+            }
+            Ok((eta, k))
+        }
         (Some(name), None, None) => ior::conductor(name).ok_or_else(|| {
             let names: Vec<&str> = ior::conductor_names().collect();
             reader.wrong(

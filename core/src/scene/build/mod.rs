@@ -10,6 +10,7 @@ mod texture;
 use super::description::{Description, Kind, ObjectId};
 use super::error::{Place, SceneError, within};
 use super::loader::{LoadedFile, Loader};
+use super::mesh::MeshTotals;
 use super::reader::Reader;
 use super::{Scene, ShapeBinding, Wishes};
 use crate::geometry::{Geometry, Shape, ShapeId};
@@ -85,7 +86,7 @@ struct Builder<'b, 'f> {
     /// Materials that are being built: a reference to one of them is a cycle.
     building: Vec<ObjectId>,
     bitmaps: BTreeMap<texture::BitmapKey, Arc<Bitmap>>,
-    triangles: u64,
+    meshes: MeshTotals,
     texels: u64,
     /// Area lights that a shape uses.
     used_area_lights: BTreeSet<ObjectId>,
@@ -106,7 +107,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             default_material: None,
             building: Vec::new(),
             bitmaps: BTreeMap::new(),
-            triangles: 0,
+            meshes: MeshTotals::default(),
             texels: 0,
             used_area_lights: BTreeSet::new(),
             environment: None,

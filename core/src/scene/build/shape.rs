@@ -77,12 +77,9 @@ impl Builder<'_, '_> {
         let mut mesh = mesh::finish(raw, to_world, false, flip).map_err(|reason| reader.wrong("to_world", reason))?;
         // The corners' normals have told the outer side; within a face they are all the same.
         mesh.normals.clear();
-        self.count_triangles(mesh.triangles.len());
+        self.meshes.triangles += mesh.triangles.len() as u64;
+        self.meshes.vertices += mesh.positions.len() as u64;
         Ok(Shape::Mesh(mesh))
-    }
-
-    fn count_triangles(&mut self, count: usize) {
-        self.triangles += count as u64;
     }
 
     fn mesh(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
@@ -98,7 +95,7 @@ impl Builder<'_, '_> {
             _ => 0,
         };
         let file = self.file(reader)?;
-        let source = MeshFile::new(&file, self.loader.limits, self.triangles);
+        let source = MeshFile::new(&file, self.loader.limits, self.meshes);
         let raw = match plugin {
             "obj" => source.obj(flip_v)?,
             "ply" => source.ply(flip_v)?,
@@ -108,9 +105,13 @@ impl Builder<'_, '_> {
                 raw
             }
         };
+        self.meshes.triangles += raw.triangles.len() as u64;
+        self.meshes.vertices += raw.positions.len() as u64;
+        if plugin != "serialized" {
+            self.meshes.bytes += file.bytes.len() as u64;
+        }
         let broken = |reason| SceneError::data(&source.place, format!("{reason} (used at {})", reader.place()));
         let mesh = mesh::finish(raw, to_world, face_normals, flip).map_err(broken)?;
-        self.count_triangles(mesh.triangles.len());
         Ok(Shape::Mesh(mesh))
     }
 }
@@ -139,8 +140,11 @@ fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, Sc
 }
 
 fn disk(reader: &Reader, to_world: Transform, flip: bool) -> Result<Shape, SceneError> {
-    let reach = to_world.vector(Vec3::X).length().max(to_world.vector(Vec3::Y).length());
-    check_extent(reader, to_world.point(Vec3::ZERO), reach)?;
+    let (u, v) = (to_world.vector(Vec3::X), to_world.vector(Vec3::Y));
+    check_extent(reader, to_world.point(Vec3::ZERO), u.length().max(v.length()))?;
+    if u.as_dvec3().cross(v.as_dvec3()).length() < 1e-18 {
+        return Err(reader.wrong("to_world", "the disc has no area"));
+    }
     Ok(Shape::Disk {
         to_world,
         flip_normals: flip,

@@ -6,7 +6,7 @@ use crate::scene::description::{Kind, ObjectId};
 use crate::scene::error::SceneError;
 use crate::scene::image;
 use crate::scene::reader::{ANY, Colour, Reader};
-use crate::scene::spectrum::{Use, to_rgb};
+use crate::scene::spectrum::{BRIGHTEST, Use, to_rgb};
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, Texture, TextureFilter, UvTransform, WrapMode};
 use glam::DMat4;
@@ -82,6 +82,10 @@ impl Builder<'_, '_> {
             .fold(0.0, f32::max);
         if role.used == Use::Reflectance && brightest > 1.0 {
             let reason = format!("a texel is {brightest}; reflectances are at most 1");
+            return Err(reader.wrong("filename", reason));
+        }
+        if role.used == Use::Emission && f64::from(brightest) > BRIGHTEST {
+            let reason = format!("a texel is {brightest}; lights reach to {BRIGHTEST:e}");
             return Err(reader.wrong("filename", reason));
         }
         Ok(bitmap)

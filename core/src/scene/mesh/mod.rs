@@ -33,17 +33,25 @@ pub(crate) struct MeshFile<'a> {
     pub(crate) place: Place,
     pub(crate) bytes: &'a [u8],
     limits: &'a Limits,
-    /// Triangles of the scene that were read before.
-    triangles_before: u64,
+    /// What was read before for the scene.
+    before: MeshTotals,
+}
+
+/// What the meshes of a scene hold together.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct MeshTotals {
+    pub(crate) triangles: u64,
+    pub(crate) vertices: u64,
+    pub(crate) bytes: u64,
 }
 
 impl<'a> MeshFile<'a> {
-    pub(crate) fn new(file: &'a LoadedFile, limits: &'a Limits, triangles_before: u64) -> Self {
+    pub(crate) fn new(file: &'a LoadedFile, limits: &'a Limits, before: MeshTotals) -> Self {
         Self {
             place: Place::whole(&file.name),
             bytes: &file.bytes,
             limits,
-            triangles_before,
+            before,
         }
     }
 
@@ -59,11 +67,17 @@ impl<'a> MeshFile<'a> {
     }
 
     fn check_vertices(&self, count: u64) -> Result<u64, SceneError> {
-        within(&self.place, "number of vertices", count, self.limits.vertices)
+        within(
+            &self.place,
+            "number of vertices of the scene",
+            count.saturating_add(self.before.vertices),
+            self.limits.vertices,
+        )?;
+        Ok(count)
     }
 
     fn check_triangles(&self, count: u64) -> Result<u64, SceneError> {
-        let total = count.saturating_add(self.triangles_before);
+        let total = count.saturating_add(self.before.triangles);
         within(
             &self.place,
             "number of triangles of the scene",
@@ -72,13 +86,27 @@ impl<'a> MeshFile<'a> {
         )
     }
 
+    /// Counts the reading of the whole file against the limit, so that repetition cannot multiply it.
+    fn charge(&self) -> Result<(), SceneError> {
+        let total = self.before.bytes.saturating_add(self.bytes.len() as u64);
+        within(
+            &self.place,
+            "bytes of mesh files of the scene",
+            total,
+            self.limits.mesh_bytes,
+        )
+        .map(|_| ())
+    }
+
     /// Reads a Wavefront OBJ file. `flip_v`: texture coordinates run downwards.
     pub(crate) fn obj(&self, flip_v: bool) -> Result<RawMesh, SceneError> {
+        self.charge()?;
         obj::read(self, flip_v)
     }
 
     /// Reads a PLY file.
     pub(crate) fn ply(&self, flip_v: bool) -> Result<RawMesh, SceneError> {
+        self.charge()?;
         ply::read(self, flip_v)
     }
 
@@ -99,7 +127,7 @@ mod tests {
             name: "mesh".into(),
             bytes: bytes.into(),
         };
-        read(&MeshFile::new(&file, &Limits::default(), 0))
+        read(&MeshFile::new(&file, &Limits::default(), MeshTotals::default()))
     }
 
     pub(super) fn mesh_error(result: Result<RawMesh, SceneError>, line: u32, reason: &str) {

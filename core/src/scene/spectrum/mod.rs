@@ -17,6 +17,11 @@ pub(crate) enum Use {
     Constant,
 }
 
+/// The brightest light: beyond it power and its squares leave single precision.
+pub(crate) const BRIGHTEST: f64 = 1e12;
+/// The largest optical constant.
+const LARGEST_CONSTANT: f64 = 1e4;
+
 /// The RGB value of a colour, or why it has none.
 pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
     let rgb = match colour {
@@ -46,12 +51,14 @@ pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
             "{rgb:?} is above 1: more light would leave the surface than arrives"
         ));
     }
-    let rgb = Spectrum::from_rgb(rgb.map(|channel| channel as f32));
-    if rgb.is_valid() {
-        Ok(rgb)
-    } else {
-        Err("it is out of the range of single precision".into())
+    if used == Use::Emission && rgb.iter().any(|channel| *channel > BRIGHTEST) {
+        return Err(format!("{rgb:?} is above {BRIGHTEST:e}"));
     }
+    if used == Use::Constant && rgb.iter().any(|channel| *channel > LARGEST_CONSTANT) {
+        return Err(format!("{rgb:?} is above {LARGEST_CONSTANT:e}"));
+    }
+    let rgb = Spectrum::from_rgb(rgb.map(|channel| channel as f32));
+    Ok(rgb)
 }
 
 /// Samples of the integral over wavelength.

@@ -1,6 +1,7 @@
 //! One XML file: its text, and the lines of its nodes.
 
-use super::super::error::{Place, SceneError};
+use super::super::error::{Place, SceneError, within};
+use super::super::limits::Limits;
 use super::super::loader::LoadedFile;
 use super::values::shortened;
 use roxmltree::{Node, ParsingOptions};
@@ -40,7 +41,9 @@ impl Document {
         })
     }
 
-    pub(super) fn parse(&self, nodes_limit: u32) -> Result<roxmltree::Document<'_>, SceneError> {
+    pub(super) fn parse(&self, limits: &Limits) -> Result<roxmltree::Document<'_>, SceneError> {
+        self.check_tags(limits.attributes)?;
+        let nodes_limit = limits.xml_nodes;
         let options = ParsingOptions {
             allow_dtd: false,
             nodes_limit,
@@ -63,8 +66,53 @@ impl Document {
         })
     }
 
+    /// Bounds the attributes of each tag and refuses namespaces, before the parser does work that grows with the
+    /// square of their number.
+    fn check_tags(&self, most: u64) -> Result<(), SceneError> {
+        let text = self.text.as_bytes();
+        let mut at = 0;
+        while let Some(start) = text[at..].iter().position(|byte| *byte == b'<').map(|found| at + found) {
+            let skipped = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")]
+                .into_iter()
+                .find(|(open, _)| text[start..].starts_with(open.as_bytes()));
+            if let Some((open, close)) = skipped {
+                let after = start + open.len();
+                at = self.text[after..]
+                    .find(close)
+                    .map_or(text.len(), |found| after + found + close.len());
+                continue;
+            }
+            let (mut quote, mut attributes, mut end) = (None, 0, start + 1);
+            while let Some(byte) = text.get(end) {
+                match (quote, byte) {
+                    (None, b'>') => break,
+                    (None, b'"' | b'\'') => {
+                        quote = Some(byte);
+                        attributes += 1;
+                        within(&self.place_at(start), "attributes of one element", attributes, most)?;
+                    }
+                    (None, b'x') if text[end..].starts_with(b"xmlns") && text[end - 1].is_ascii_whitespace() => {
+                        let reason = "the format has no namespaces".to_owned();
+                        return Err(SceneError::Xml {
+                            place: self.place_at(start),
+                            reason,
+                        });
+                    }
+                    (Some(open), _) if open == byte => quote = None,
+                    _ => {}
+                }
+                end += 1;
+            }
+            at = end;
+        }
+        Ok(())
+    }
+
     pub(super) fn place(&self, node: Node) -> Place {
-        let offset = node.range().start;
+        self.place_at(node.range().start)
+    }
+
+    fn place_at(&self, offset: usize) -> Place {
         let line = self.line_starts.partition_point(|start| *start <= offset) as u32 + 1;
         Place {
             file: self.file.clone(),
@@ -77,8 +125,9 @@ impl Document {
         match node.text().filter(|text| node.is_text() && !text.trim().is_empty()) {
             Some(text) => {
                 let reason = format!("text `{}` within <{parent}>", shortened(text.trim()));
+                let blank = text.len() - text.trim_start().len();
                 Err(SceneError::Xml {
-                    place: self.place(node),
+                    place: self.place_at(node.range().start + blank),
                     reason,
                 })
             }

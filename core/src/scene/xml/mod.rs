@@ -6,6 +6,7 @@
 mod document;
 mod names;
 mod parameters;
+mod properties;
 mod transform;
 mod values;
 
@@ -28,7 +29,7 @@ pub(crate) fn read(
 ) -> Result<Description, SceneError> {
     let place = Place::whole(main);
     let file = loader.open(&place, &[String::new()], main)?;
-    let mut reader = Reader {
+    let mut reader = XmlReader {
         loader,
         parameters: Parameters::new(defines),
         objects: Vec::new(),
@@ -36,6 +37,7 @@ pub(crate) fn read(
         references: Vec::new(),
         open_files: Vec::new(),
         included: 0,
+        bytes: 0,
     };
     reader.file(&file, &place, &[], None, 1)?;
     if let Some(name) = reader.parameters.first_unnamed() {
@@ -52,7 +54,7 @@ pub(crate) fn read(
     reader.resolve()
 }
 
-struct Reader<'r, 'f> {
+struct XmlReader<'r, 'f> {
     loader: &'r mut Loader<'f>,
     parameters: Parameters,
     objects: Vec<Object>,
@@ -62,6 +64,8 @@ struct Reader<'r, 'f> {
     /// Names of the files being read, outermost first.
     open_files: Vec<String>,
     included: u64,
+    /// Bytes of XML read, repetitions and filled-in values included.
+    bytes: u64,
 }
 
 /// Where an element stands.
@@ -72,7 +76,7 @@ struct Context<'a> {
     depth: u32,
 }
 
-impl Reader<'_, '_> {
+impl XmlReader<'_, '_> {
     /// Reads a file whose elements lie `depth` deep. Without a `parent` it is the main file; else its content joins the parent's children.
     fn file(
         &mut self,
@@ -90,8 +94,9 @@ impl Reader<'_, '_> {
             });
         }
         self.open_files.push(file.name.clone());
+        self.charge(&Place::whole(&file.name), file.bytes.len())?;
         let document = Document::new(file)?;
-        let tree = document.parse(self.limits().xml_nodes)?;
+        let tree = document.parse(self.limits())?;
         let root = tree.root_element();
         let place = document.place(root);
         let attributes = self.attributes(&document, root, &["version", "type", "id", "name"])?;
@@ -137,6 +142,18 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
+    /// Counts text that is read against the limit, so that repetition cannot multiply it.
+    fn charge(&mut self, place: &Place, bytes: usize) -> Result<(), SceneError> {
+        self.bytes += bytes as u64;
+        within(
+            place,
+            "bytes of XML, parameters filled in",
+            self.bytes,
+            self.limits().xml_bytes,
+        )
+        .map(|_| ())
+    }
+
     fn limits(&self) -> &super::Limits {
         self.loader.limits
     }
@@ -179,14 +196,8 @@ impl Reader<'_, '_> {
             "ref" => self.reference(context, node)?,
             "alias" => self.alias(context, node)?,
             _ => {
-                let value = self.value(context, node)?;
-                let name = self.attributes(context.document, node, &["name", "value", "x", "y", "z", "filename"])?;
-                self.set(
-                    context.parent,
-                    &place,
-                    name.get("name").map_or("", String::as_str),
-                    value,
-                )?;
+                let (name, value) = self.property(context, node)?;
+                self.set(context.parent, &place, &name, value)?;
             }
         }
         self.no_children(context.document, node)
@@ -263,124 +274,13 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    /// The value of a property's element.
-    fn value(&mut self, context: Context, node: Node) -> Result<Value, SceneError> {
-        let (document, place, element) = (context.document, context.document.place(node), node.tag_name().name());
-        if element == "point" || element == "vector" {
-            return self.vector(document, node);
-        }
-        if element == "spectrum" {
-            return self.spectrum(context, node);
-        }
-        let scalar = ["float", "integer", "boolean", "string", "rgb"];
-        if !scalar.contains(&element) {
-            return Err(names::unknown_element(&place, element));
-        }
-        let mut attributes = self.attributes(document, node, &["name", "value"])?;
-        let name = take(&mut attributes, &place, element, "name")?;
-        let text = take(&mut attributes, &place, element, "value")?;
-        let value = match element {
-            "float" => values::float(&text).map(Value::Float),
-            "integer" => values::integer(&text).map(Value::Integer),
-            "boolean" => values::boolean(&text).map(Value::Boolean),
-            "rgb" => values::rgb(&text).map(Value::Rgb),
-            _ => Ok(Value::String(text)),
-        };
-        value.map_err(|reason| SceneError::value(&place, format!("<{element} name=\"{name}\"> value"), reason))
-    }
-
-    fn vector(&mut self, document: &Document, node: Node) -> Result<Value, SceneError> {
-        let (place, element) = (document.place(node), node.tag_name().name());
-        let mut attributes = self.attributes(document, node, &["name", "value", "x", "y", "z"])?;
-        let name = take(&mut attributes, &place, element, "name")?;
-        let text = if attributes.contains_key("value") {
-            let text = take(&mut attributes, &place, element, "value")?;
-            if let Some(extra) = attributes.keys().next() {
-                let field = format!("<{element} name=\"{name}\"> {extra}");
-                return Err(SceneError::value(&place, field, "it cannot be combined with `value`"));
-            }
-            text
-        } else {
-            let axes = ["x", "y", "z"].map(|axis| take(&mut attributes, &place, element, axis));
-            axes.into_iter().collect::<Result<Vec<_>, _>>()?.join(" ")
-        };
-        let vector = values::vector(&text);
-        let field = || format!("<{element} name=\"{name}\"> value");
-        vector
-            .map(Value::Vector)
-            .map_err(|reason| SceneError::value(&place, field(), reason))
-    }
-
-    fn spectrum(&mut self, context: Context, node: Node) -> Result<Value, SceneError> {
-        let place = context.document.place(node);
-        let mut attributes = self.attributes(context.document, node, &["name", "value", "filename"])?;
-        let name = take(&mut attributes, &place, "spectrum", "name")?;
-        match (attributes.get("value"), attributes.get("filename")) {
-            (Some(text), None) => {
-                let field = || format!("<spectrum name=\"{name}\"> value");
-                let spectrum = values::spectrum(text);
-                spectrum
-                    .map(Value::Spectrum)
-                    .map_err(|reason| SceneError::value(&place, field(), reason))
-            }
-            (None, Some(filename)) => {
-                let search = self.objects[context.parent].search.clone();
-                let file = self.loader.open(&place, &search, filename)?;
-                let spectrum = values::spectrum_file(&file.bytes);
-                spectrum.map(Value::Spectrum).map_err(|(line, reason)| {
-                    SceneError::data(
-                        &Place {
-                            file: file.name.as_str().into(),
-                            line,
-                        },
-                        reason,
-                    )
-                })
-            }
-            _ => {
-                let field = format!("<spectrum name=\"{name}\">");
-                Err(SceneError::value(
-                    &place,
-                    field,
-                    "it needs either `value` or `filename`",
-                ))
-            }
-        }
-    }
-
-    fn transform(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
-        let place = context.document.place(node);
-        let mut attributes = self.attributes(context.document, node, &["name"])?;
-        let name = take(&mut attributes, &place, "transform", "name")?;
-        let mut total = transform::identity();
-        for child in node.children() {
-            if !child.is_element() {
-                context.document.no_text(child, "transform")?;
-                continue;
-            }
-            let (place, element) = (context.document.place(child), names::operation(child.tag_name().name()));
-            let Some((_, allowed)) = transform::OPERATIONS.iter().find(|(name, _)| *name == element) else {
-                let allowed = list(transform::OPERATIONS.iter().map(|(name, _)| *name));
-                return Err(unknown(&place, "<transform>", "element", element, &allowed));
-            };
-            let attributes = self.attributes(context.document, child, allowed)?;
-            self.no_children(context.document, child)?;
-            let wrong = |(attribute, reason): (&str, String)| {
-                SceneError::value(&place, format!("<{element}> {attribute}"), reason)
-            };
-            let operation = transform::operation(element, &attributes).map_err(wrong)?;
-            let reason = "the transforms up to here have no finite inverse".to_owned();
-            total = transform::checked(&operation.after(&total)).ok_or_else(|| wrong(("", reason)))?;
-        }
-        self.set(context.parent, &place, &name, Value::Transform(total))
-    }
-
     fn default(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
         let place = context.document.place(node);
         let mut attributes = self.attributes(context.document, node, &["name", "value"])?;
         let name = take(&mut attributes, &place, "default", "name")?;
-        if name.is_empty() {
-            return Err(SceneError::value(&place, "<default> name", "it is empty"));
+        if name.is_empty() || name.chars().count() > parameters::LONGEST_NAME {
+            let reason = format!("it has 1 to {} characters", parameters::LONGEST_NAME);
+            return Err(SceneError::value(&place, "<default> name", reason));
         }
         let value = take(&mut attributes, &place, "default", "value")?;
         self.parameters.set_default(&name, &value);
@@ -459,7 +359,7 @@ impl Reader<'_, '_> {
 
     /// The attributes of an element with parameters filled in; none but `allowed`.
     fn attributes<'a>(
-        &self,
+        &mut self,
         document: &Document,
         node: Node<'a, '_>,
         allowed: &[&str],
@@ -496,6 +396,9 @@ impl Reader<'_, '_> {
                         }
                     }
                 })?;
+            if attribute.value().contains('$') {
+                self.charge(&place, filled.len())?;
+            }
             attributes.insert(name, filled);
         }
         Ok(attributes)

@@ -10,6 +10,9 @@ pub(super) struct Parameters {
     unnamed: BTreeSet<String>,
 }
 
+/// The longest name of a parameter [characters].
+pub(super) const LONGEST_NAME: usize = 64;
+
 /// Why a value cannot be filled in.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum FillError {
@@ -72,12 +75,13 @@ impl Parameters {
     }
 
     fn longest(&self, text: &str) -> Option<(&str, &str)> {
-        let fits = self
-            .values
+        let ends = text.char_indices().map(|(start, c)| start + c.len_utf8());
+        let ends: Vec<usize> = ends.take(LONGEST_NAME).collect();
+        let found = ends
             .iter()
-            .filter(|(name, _)| !name.is_empty() && text.starts_with(name.as_str()));
-        fits.max_by_key(|(name, _)| name.len())
-            .map(|(name, value)| (name.as_str(), value.as_str()))
+            .rev()
+            .find_map(|end| self.values.get_key_value(&text[..*end]));
+        found.map(|(name, value)| (name.as_str(), value.as_str()))
     }
 }
 
