@@ -1,0 +1,183 @@
+//! What cannot work is refused with an error that says what to do, and leaves files as they were.
+
+use photonfarm_tests::processes::{Coordinator, Process, photonfarm, scene};
+use std::fs;
+use std::path::Path;
+
+/// The error message of a command that must fail.
+fn refusal(arguments: &[&str]) -> String {
+    let output = photonfarm(arguments);
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {errors}");
+    assert!(
+        errors.starts_with("error: ") && !errors.contains("panicked"),
+        "{arguments:?}: {errors}"
+    );
+    errors
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn files_in(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_rendering() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene("constant.xml");
+    for (name, advice) in [("missing/a.exr", "mkdir -p"), ("a.png", "a.exr")] {
+        let output = folder.path().join(name);
+        // So many iterations that the test would not end if they were rendered.
+        let errors = refusal(&["render", text(&scene), "-o", text(&output), "--iterations", "1000000"]);
+        assert!(errors.contains(advice), "{errors}");
+    }
+    assert!(files_in(folder.path()).is_empty());
+}
+
+#[test]
+fn bad_scenes_and_settings_leave_the_old_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("a.exr");
+    fs::write(&output, "old").unwrap();
+    let good = scene("constant.xml");
+    let with = |name: &str, element: &str| {
+        let path = folder.path().join(name);
+        let text = fs::read_to_string(&good)
+            .unwrap()
+            .replace("</scene>", &format!("{element}\n</scene>"));
+        let line = text.lines().position(|line| line.contains(element)).unwrap() + 1;
+        fs::write(&path, text).unwrap();
+        (path, format!("{name}:{line}"))
+    };
+    let (broken, broken_at) = with("broken.xml", "<shape type=\"teapot\"/>");
+    let shape = "<shape type=\"ply\"><string name=\"filename\" value=\"../secret.ply\"/></shape>";
+    let (outside, outside_at) = with("outside.xml", shape);
+    let missing = folder.path().join("missing.xml");
+    let render = |scene: &Path, more: &[&str]| {
+        let mut arguments = vec!["render", text(scene), "-o", text(&output)];
+        arguments.extend(more);
+        refusal(&arguments)
+    };
+    for (errors, expected) in [
+        (render(&broken, &[]), [broken_at.as_str(), "teapot"]),
+        (render(&outside, &[]), [outside_at.as_str(), "secret.ply"]),
+        (render(&missing, &[]), ["missing.xml", "not found"]),
+        (render(folder.path(), &[]), ["is a folder", "scene file"]),
+        (
+            render(&good, &["--set", "photon=3", "--integrator", "pppm"]),
+            ["--set photon", "photons"],
+        ),
+        (
+            render(&good, &["--set", "alpha=3", "--integrator", "pcf"]),
+            ["alpha", "3"],
+        ),
+        (
+            render(&good, &["--set", "samples=2", "--set", "samples=3"]),
+            ["--set samples", "twice"],
+        ),
+        (render(&good, &["-D", "res=2", "-D", "res=3"]), ["-D res", "twice"]),
+        (render(&good, &["-D", "colour=red"]), ["colour", "constant.xml"]),
+    ] {
+        for part in expected {
+            assert!(errors.contains(part), "no `{part}` in: {errors}");
+        }
+    }
+    assert_eq!(fs::read(&output).unwrap(), b"old");
+    assert_eq!(files_in(folder.path()), ["a.exr", "broken.xml", "outside.xml"]);
+}
+
+#[test]
+fn an_interrupted_render_leaves_the_old_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("a.exr");
+    fs::write(&output, "old").unwrap();
+    let scratch = folder.path().join("scratch");
+    fs::create_dir(&scratch).unwrap();
+    let scene = scene("constant.xml");
+    let process = Process::start_in(
+        &scratch,
+        "photonfarm",
+        &[
+            "render",
+            text(&scene),
+            "-o",
+            text(&output),
+            "--iterations",
+            "1000000",
+            "--threads",
+            "1",
+        ],
+    );
+    process.wait_for_error("iterations");
+    process.signal("INT");
+    let (status, _, errors) = process.finish();
+    assert_eq!(status.code(), Some(130), "{errors}");
+    assert_eq!(fs::read(&output).unwrap(), b"old");
+    assert_eq!(files_in(folder.path()), ["a.exr", "scratch"]);
+    assert!(
+        files_in(&scratch).is_empty(),
+        "temporary files were left: {:?}",
+        files_in(&scratch)
+    );
+}
+
+#[test]
+fn addresses_and_folders_in_use_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("farm");
+    let coordinator = Coordinator::start(&data);
+    let address = coordinator.url.trim_start_matches("http://");
+    let other = folder.path().join("other");
+    let errors = refusal(&["serve", "--listen", address, "--data", text(&other)]);
+    assert!(errors.contains(address) && errors.contains("in use"), "{errors}");
+    let errors = refusal(&["serve", "--listen", "127.0.0.1:0", "--data", text(&data)]);
+    assert!(errors.contains(text(&data)) && errors.contains("another"), "{errors}");
+    let errors = refusal(&["serve", "--listen", "nowhere", "--data", text(&other)]);
+    assert!(errors.contains("127.0.0.1:7800"), "{errors}");
+    let errors = refusal(&["serve", "--listen", "0.0.0.0:0", "--data", text(&other)]);
+    assert!(errors.contains("other machines"), "{errors}");
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    let errors = refusal(&["serve", "--listen", "127.0.0.1:0", "--data", text(&file)]);
+    assert!(errors.contains(text(&file)), "{errors}");
+}
+
+#[test]
+fn a_stopped_coordinator_ends_in_peace() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut coordinator = Coordinator::start(&folder.path().join("farm"));
+    let worker = coordinator.worker();
+    coordinator.wait_for_workers(1);
+    worker.signal("TERM");
+    let (status, _, errors) = worker.finish();
+    assert!(status.success(), "{errors}");
+    let process = coordinator.stop();
+    let (status, _, errors) = process.finish();
+    assert!(status.success(), "{errors}");
+}
+
+#[test]
+fn coordinators_that_are_not_there_are_refused_with_advice() {
+    let scene = scene("constant.xml");
+    for (url, advice) in [("farm:7700", "http://HOST:PORT"), ("not a url", "http://HOST:PORT")] {
+        let errors = refusal(&["submit", text(&scene), "--coordinator", url]);
+        assert!(errors.contains(advice), "{errors}");
+    }
+    // A port that nobody listens on: taken and given back.
+    let port = std::net::TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    let url = format!("http://127.0.0.1:{port}");
+    let errors = refusal(&["submit", text(&scene), "--coordinator", &url]);
+    assert!(errors.contains("photonfarm serve"), "{errors}");
+}
