@@ -1,7 +1,8 @@
 //! Spheres and discs: intersection in double precision.
 
 use super::{Ray, Shape};
-use crate::math::{DVec3, Transform, Vec3};
+use crate::math::{DVec3, Vec3};
+use glam::DAffine3;
 
 /// A curved or bounded primitive that is not a triangle.
 #[derive(Clone, Debug)]
@@ -9,7 +10,7 @@ pub(super) enum Curved {
     /// A sphere in world space.
     Sphere { center: DVec3, radius: f64 },
     /// The unit disc about the local z axis.
-    Disk { to_local: Transform },
+    Disk { to_local: DAffine3 },
 }
 
 impl Curved {
@@ -22,7 +23,7 @@ impl Curved {
                 radius: f64::from(*radius),
             }),
             Shape::Disk { to_world, .. } => Some(Self::Disk {
-                to_local: to_world.inverted(),
+                to_local: DAffine3::from_mat4(to_world.inverted().matrix()),
             }),
         }
     }
@@ -33,8 +34,8 @@ impl Curved {
         match self {
             Self::Sphere { center, radius } => intersect_sphere(origin - *center, direction, *radius),
             Self::Disk { to_local } => {
-                let origin = to_local.matrix().transform_point3(origin);
-                let direction = to_local.matrix().transform_vector3(direction);
+                let origin = to_local.transform_point3(origin);
+                let direction = to_local.transform_vector3(direction);
                 let t = -origin.z / direction.z;
                 let at = origin + t * direction;
                 (t > 0.0 && t.is_finite() && at.x * at.x + at.y * at.y <= 1.0).then_some(t)

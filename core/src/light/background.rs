@@ -9,7 +9,7 @@ pub(super) enum Background {
     /// The same radiance from everywhere.
     Constant(Spectrum),
     /// An image.
-    Environment(Environment),
+    Environment(Box<Environment>),
 }
 
 impl Background {

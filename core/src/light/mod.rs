@@ -182,9 +182,9 @@ impl Source {
             } => Self::Spot(Spot::new(&to_world, intensity, cutoff_angle, beam_width)),
             Light::Directional { direction, irradiance } => Self::Directional { direction, irradiance },
             Light::Constant { radiance } => Self::Background(Background::Constant(radiance)),
-            Light::Environment { image, scale, to_world } => {
-                Self::Background(Background::Environment(Environment::new(image, scale, &to_world)))
-            }
+            Light::Environment { image, scale, to_world } => Self::Background(Background::Environment(Box::new(
+                Environment::new(image, scale, &to_world),
+            ))),
         }
     }
 
