@@ -5,9 +5,7 @@
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
-use photonfarm_core::settings::{
-    DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
-};
+use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
 use photonfarm_tests::statistics::{Moments, ZTest};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -64,7 +62,7 @@ fn pppm(sigma1: f32, max_depth: u32) -> IntegratorSettings {
 
 fn pcf(sigma1: f32, theta1: f32, lookup_vertex: LookupVertex, max_depth: u32) -> IntegratorSettings {
     IntegratorSettings::Pcf(PcfSettings {
-        photons: 40_000,
+        photons: 80_000,
         samples: 2,
         sigma1: Some(sigma1),
         theta1,
@@ -108,8 +106,13 @@ fn check_all(name: &str, max_depth: u32) {
     let truth = reference(&scene, max_depth);
     check(&scene, &truth, &pppm(0.01, max_depth), &pppm(0.08, max_depth), 8.0);
     for lookup in [LookupVertex::Auto, LookupVertex::Fixed(1), LookupVertex::Fixed(2)] {
-        let settings = pcf(0.02, 4.0, lookup, max_depth);
-        check(&scene, &truth, &settings, &pcf(0.16, 32.0, lookup, max_depth), 8.0);
+        check(
+            &scene,
+            &truth,
+            &pcf(0.04, 10.0, lookup, max_depth),
+            &pcf(0.16, 40.0, lookup, max_depth),
+            4.0,
+        );
     }
 }
 

@@ -49,7 +49,7 @@ pub struct SurfacePoint {
     /// Texture coordinates.
     pub uv: Vec2,
     /// Bound of the rounding error of `position` per axis, for ray offsets.
-    pub position_error: Vec3,
+    pub position_error: f32,
     /// The shape that was hit; the scene maps it to its material and light.
     pub shape: ShapeId,
     /// Primitive within the geometry (triangle, sphere or disk), for light densities.

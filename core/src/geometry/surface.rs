@@ -169,7 +169,7 @@ impl Interpolated {
             geometric_normal: self.geometric_normal,
             frame: frame_along(self.shading_normal, self.tangent),
             uv: self.uv,
-            position_error: position.abs() * f32::EPSILON + self.extent * INTERPOLATION_ERROR,
+            position_error: (position.abs() * f32::EPSILON + self.extent * INTERPOLATION_ERROR).max_element(),
             shape,
             primitive,
             distance,
@@ -195,13 +195,13 @@ fn frame_along(normal: Vec3, tangent: Vec3) -> Frame {
 
 impl SurfacePoint {
     /// A ray that leaves this point along the unit vector `direction`. Its origin is moved along the geometric normal
-    /// until the box of `position_error` lies behind it, then rounded away from the surface (Pharr, Jakob and
+    /// until the cube of `position_error` lies behind it, then rounded away from the surface (Pharr, Jakob and
     /// Humphreys 2023, section 6.8.6).
     #[must_use]
     pub fn ray_towards(&self, direction: Vec3) -> Ray {
         let normal = self.geometric_normal;
         let side = normal.dot(direction);
-        let height = normal.abs().dot(self.position_error);
+        let height = normal.abs().element_sum() * self.position_error;
         let offset = normal * if side < 0.0 { -height } else { height };
         let away = |p: f32, offset: f32| {
             if offset > 0.0 {
@@ -228,7 +228,7 @@ impl SurfacePoint {
     /// ten thousand, and by what the rounding of the coordinates can make of the distance.
     #[must_use]
     pub fn shadow_ray(&self, direction: Vec3, distance: f32) -> Ray {
-        let rounding = SHADOW_GAP_ROUNDINGS * self.position_error.max_element();
+        let rounding = SHADOW_GAP_ROUNDINGS * self.position_error;
         let max_distance = (distance * (1.0 - SHADOW_GAP) - rounding).max(0.0);
         Ray {
             max_distance,

@@ -187,6 +187,39 @@ fn leave_convex_body(geometry: &Geometry, center: Vec3, random: &mut PathRandom)
     }
 }
 
+/// A rotation by 90 degrees leaves coordinates of some 1e-17 where there should be zeros: a plane through the origin
+/// is then known to that precision along its normal, but not the rays that leave it.
+#[test]
+fn rays_leave_a_plane_that_is_all_but_aligned_with_the_axes() {
+    let tilt = 1.6 * 6.123_234e-17;
+    let corner = |x: f32, z: f32| Vec3::new(1.6 * x, tilt * z, 1.6 * z);
+    let mesh = TriangleMesh {
+        positions: vec![
+            corner(-1.0, 1.0),
+            corner(1.0, 1.0),
+            corner(1.0, -1.0),
+            corner(-1.0, -1.0),
+        ],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Default::default()
+    };
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh)]);
+    for i in 0..20_000 {
+        let mut random = random(i);
+        let target = Vec3::new(3.0 * random.next() - 1.5, 0.0, 3.0 * random.next() - 1.5);
+        let from = Vec3::new(0.3, 2.0, -0.4);
+        let point = geometry
+            .intersect(&ray(from, (target - from).normalize()))
+            .expect("the plane is below");
+        let mut direction = warp::square_to_sphere(random.next_2d());
+        direction.y = direction.y.abs();
+        assert!(
+            geometry.intersect(&point.ray_towards(direction)).is_none(),
+            "{point:?} along {direction}"
+        );
+    }
+}
+
 #[test]
 fn paths_never_leave_a_closed_room_through_its_edges_or_corners() {
     for path in 0..200 {
