@@ -137,6 +137,27 @@ fn no_ray_leaks_out_of_a_closed_mesh() {
     }
 }
 
+/// Rays exactly through the diagonals and corners of a box, where an edge function is zero.
+#[test]
+fn edges_and_vertices_belong_to_a_triangle() {
+    let geometry = Geometry::build(vec![Shape::Mesh(cube(|p| p))]);
+    for step in -8..=8 {
+        let at = step as f32 / 8.0;
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
+            let (a, b) = (
+                Vec3::new(axis.y, axis.z, axis.x) * at,
+                Vec3::new(axis.z, axis.x, axis.y) * at,
+            );
+            for (origin, direction) in [a + b, a - b]
+                .into_iter()
+                .flat_map(|origin| [(origin, axis), (origin, -axis)])
+            {
+                assert!(geometry.occluded(&ray(origin, direction)), "{origin} {direction}");
+            }
+        }
+    }
+}
+
 /// Leaves the surface of convex bodies: outwards nothing may be hit, inwards the other side must be.
 #[test]
 fn rays_leave_surfaces_at_every_scale_and_far_from_the_origin() {
