@@ -276,11 +276,13 @@ impl Widening<'_> {
 
     fn set(&mut self, index: usize, slot: usize, member: usize, child: Child) {
         let aabb = self.binary.nodes[member].aabb();
+        // A ray within the plane of a box's side must not miss the box.
+        let margin = self.hierarchy.reach * f32::EPSILON;
         let node = &mut self.hierarchy.nodes[index];
         node.children[slot] = child;
         for axis in 0..3 {
-            node.bounds[axis][0].as_mut_array()[slot] = aabb.min[axis];
-            node.bounds[axis][1].as_mut_array()[slot] = aabb.max[axis];
+            node.bounds[axis][0].as_mut_array()[slot] = aabb.min[axis] - margin;
+            node.bounds[axis][1].as_mut_array()[slot] = aabb.max[axis] + margin;
         }
     }
 }
