@@ -12,8 +12,10 @@ mitsuba.set_variant("scalar_rgb")
 
 def read_picture(path):
     """Linear RGB of an OpenEXR file, as (height, width, 3) doubles."""
-    bitmap = mitsuba.Bitmap(str(path)).convert(mitsuba.Bitmap.PixelFormat.RGB, mitsuba.Struct.Type.Float32, False)
-    return np.array(bitmap, dtype=np.float64)
+    bitmap = mitsuba.Bitmap(str(path))
+    names = [channel.name for channel in bitmap.struct_()]
+    pixels = np.array(bitmap, dtype=np.float64)
+    return np.stack([pixels[..., names.index(name)] for name in "RGB"], axis=-1)
 
 
 class Mitsuba:
