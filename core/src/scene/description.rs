@@ -94,7 +94,7 @@ pub(crate) enum Value {
     Vector(DVec3),
     Rgb([f64; 3]),
     Spectrum(SpectrumValue),
-    Transform(Transform),
+    Transform(Box<Transform>),
 }
 
 impl Value {

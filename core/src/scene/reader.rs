@@ -185,7 +185,7 @@ impl<'d> Reader<'d> {
             Some(Property {
                 value: Value::Transform(value),
                 ..
-            }) => Ok(Some(*value)),
+            }) => Ok(Some(**value)),
             Some(property) => Err(self.mismatch(name, property, "transform")),
         }
     }

@@ -108,7 +108,7 @@ impl XmlReader<'_, '_> {
             let reason = "the transforms up to here have no finite inverse".to_owned();
             total = transform::checked(&operation.after(&total)).ok_or_else(|| wrong(("", reason)))?;
         }
-        self.set(context.parent, &place, &name, Value::Transform(total))
+        self.set(context.parent, &place, &name, Value::Transform(Box::new(total)))
     }
 }
 
