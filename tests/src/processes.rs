@@ -345,7 +345,7 @@ pub fn http(method: reqwest::Method, url: &str, body: Vec<u8>, headers: &[(&str,
     static RUNTIME: OnceLock<tokio::runtime::Runtime> = OnceLock::new();
     static CLIENT: OnceLock<reqwest::Client> = OnceLock::new();
     let runtime = RUNTIME.get_or_init(|| tokio::runtime::Runtime::new().expect("a runtime"));
-    let client = CLIENT.get_or_init(reqwest::Client::new);
+    let client = CLIENT.get_or_init(|| reqwest::Client::builder().no_proxy().build().expect("a client"));
     let mut request = client.request(method, url).body(body).timeout(DEADLINE);
     for (name, value) in headers {
         request = request.header(*name, *value);

@@ -5,10 +5,12 @@ use axum::body::{Body, Bytes, to_bytes};
 use axum::extract::{Request, State};
 use axum::response::Response;
 use photonfarm_core::picture::{DecodedExr, decode_exr};
+use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::codec;
-use photonfarm_proto::job::JobStatus;
+use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::worker::NodeReply;
-use photonfarm_tests::processes::{Coordinator, Process, jobs, photonfarm, scene, wait_for};
+use photonfarm_tests::processes::{Coordinator, Process, http, jobs, photonfarm, scene, wait_for};
+use reqwest::Method;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -167,7 +169,7 @@ fn iterations_delivered_twice_count_once() {
     let coordinator = Coordinator::start(&folder.path().join("farm"));
     let echo = Echo {
         target: coordinator.url.clone(),
-        http: reqwest::Client::new(),
+        http: reqwest::Client::builder().no_proxy().build().unwrap(),
         duplicates: Arc::new(AtomicU32::new(0)),
     };
     let runtime = tokio::runtime::Runtime::new().unwrap();
@@ -189,4 +191,42 @@ fn iterations_delivered_twice_count_once() {
     assert_eq!(job.iterations_done, ITERATIONS);
     drop(workers);
     assert_same_picture(&std::fs::read(path).unwrap(), &reference);
+}
+
+#[test]
+fn a_broken_scene_ends_its_job_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let coordinator = Coordinator::start(&folder.path().join("farm"));
+    let mut worker = coordinator.worker();
+    let post = |path: &str, body: String| {
+        let url = format!("{}/v1/{path}", coordinator.url);
+        http(
+            Method::POST,
+            &url,
+            body.into_bytes(),
+            &[("content-type", "application/json")],
+        )
+        .unwrap()
+    };
+    // The command line would not send this scene, so it is sent by hand.
+    let content = b"<scene version=\"3.0.0\">\n<shape type=\"teapot\"/>\n</scene>";
+    let manifest = BundleManifest {
+        files: [("scene.xml".to_owned(), FileEntry::of(content))].into(),
+    };
+    assert_eq!(post("bundles", serde_json::to_string(&manifest).unwrap()).0, 200);
+    let blob = format!("{}/v1/blobs/{}", coordinator.url, FileEntry::of(content).hash);
+    assert_eq!(http(Method::PUT, &blob, content.to_vec(), &[]).unwrap().0, 201);
+    let job = serde_json::json!({
+        "scene": manifest.hash(), "main": "scene.xml", "integrator": {"type": "path"}, "iterations": 4,
+    });
+    assert_eq!(post("jobs", job.to_string()).0, 201);
+    let job = when(&coordinator.url, "the job's end", |job| job.state.ended());
+    assert_eq!((job.state, job.iterations_done), (JobState::Failed, 0));
+    let failure = job.failure.unwrap();
+    assert!(failure.contains("scene.xml:"), "{failure}");
+
+    let path = folder.path().join("farm.exr");
+    let (status, _, errors) = submit(&coordinator.url, &path, "path").finish();
+    assert!(status.success(), "{errors}");
+    assert!(worker.is_running(), "the worker ended by itself");
 }

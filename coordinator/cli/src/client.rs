@@ -47,6 +47,7 @@ impl Client {
             bail!("`{url}` cannot be a coordinator: {advice}");
         }
         let http = reqwest::Client::builder()
+            .no_proxy()
             .connect_timeout(CONNECT_TIMEOUT)
             .read_timeout(READ_TIMEOUT)
             .build()?;
