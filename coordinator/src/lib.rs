@@ -137,6 +137,7 @@ impl Coordinator {
             server.abort();
             clockwork.abort();
         }
+        self.service.close().await;
         tracing::info!("coordinator stopped");
     }
 }

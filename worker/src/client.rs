@@ -72,7 +72,7 @@ impl Client {
     pub(crate) fn new(url: &str) -> Result<Self, String> {
         let base = Url::parse(url).map_err(|error| format!("{url:?} is not a URL: {error}"))?;
         if base.scheme() != "http" || base.cannot_be_a_base() {
-            return Err(format!("{url:?} is not an address such as http://127.0.0.1:7070"));
+            return Err(format!("{url:?} is not an address such as http://127.0.0.1:7800"));
         }
         let http = reqwest::Client::builder()
             .connect_timeout(SHORT)

@@ -68,3 +68,13 @@ impl Held {
         }
     }
 }
+
+/// Gives up all leases when dropped, so that what renders for them stops.
+#[derive(Debug)]
+pub(crate) struct Abandon(pub(crate) Held);
+
+impl Drop for Abandon {
+    fn drop(&mut self) {
+        self.0.lose(&self.0.tokens());
+    }
+}

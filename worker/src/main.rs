@@ -16,7 +16,7 @@ use tracing_subscriber::EnvFilter;
 #[derive(Parser)]
 #[command(version)]
 struct Options {
-    /// URL of the coordinator, such as http://127.0.0.1:7070.
+    /// URL of the coordinator, such as http://127.0.0.1:7800.
     #[arg(long, env = "PHOTONFARM_COORDINATOR")]
     coordinator: String,
     /// Threads to render with; 0: all processors.

@@ -4,7 +4,7 @@ use crate::backoff::Backoff;
 use crate::block::{Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
 use crate::client::{Client, ClientError, retry};
-use crate::held::{Held, LeaseState};
+use crate::held::{Abandon, Held, LeaseState};
 use crate::outbox::{self, Farewell, Parcel};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use photonfarm_proto::id::{BlobHash, WorkerId};
@@ -159,7 +159,7 @@ impl Worker {
         };
         let (announce, announced) = watch::channel(terms);
         let give_up = CancellationToken::new();
-        let _give_up_when_dropped = give_up.clone().drop_guard();
+        let _give_up_when_dropped = (give_up.clone().drop_guard(), Abandon(self.held.clone()));
         let heart = tokio::spawn(beat(self.client.clone(), self.held.clone(), announced, give_up.clone()));
         let (outbox, parcels) = mpsc::channel(OUTBOX);
         let courier = tokio::spawn(carry(self.client.clone(), self.held.clone(), parcels, give_up.clone()));

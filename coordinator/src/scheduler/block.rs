@@ -64,7 +64,11 @@ impl Job {
         self.leases.values().map(|lease| &lease.record).find_map(|record| {
             let shared = |other: &NodeKey| other.contains(record.node) || record.node.contains(*other);
             let holders = self.leases.values().filter(|other| shared(&other.record.node)).count();
-            if record.worker == worker || holders > 1 {
+            let given_up = |node: NodeKey| {
+                self.poisoned(config)
+                    .any(|(leaf, _)| node.contains(NodeKey::leaf(leaf)))
+            };
+            if record.worker == worker || holders > 1 || given_up(record.node) {
                 return None;
             }
             let mine = self

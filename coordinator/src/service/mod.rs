@@ -4,6 +4,8 @@ mod error;
 mod fold;
 mod image;
 mod jobs;
+#[cfg(test)]
+mod tests;
 mod upload;
 
 pub use error::ServiceError;
@@ -136,6 +138,11 @@ impl Service {
     /// Ends waiting requests and the clockwork.
     pub fn stop(&self) {
         self.stopping.send_replace(true);
+    }
+
+    /// Lets go of the state, so that another coordinator can open it; work in the background ends with an error.
+    pub(crate) async fn close(&self) {
+        self.stores.state.close().await;
     }
 
     pub(crate) fn stopping(&self) -> watch::Receiver<bool> {

@@ -4,9 +4,11 @@
 //! A crash in between leaves bytes without a row, which the next start removes; never a row without bytes.
 
 mod folder;
+#[cfg(test)]
+pub(crate) mod memory;
 mod sqlite;
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;
 
 pub use folder::FolderStore;
 pub use sqlite::SqliteStore;
@@ -95,6 +97,8 @@ pub trait StateStore: Send + Sync {
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError>;
     /// The largest size that a bundle gives for a blob; `None` if no bundle names it.
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError>;
+    /// Lets go of the store, so that somebody else can open it; every later call fails.
+    async fn close(&self);
     /// Digests of all nodes that count, of all jobs.
     async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError>;
 }

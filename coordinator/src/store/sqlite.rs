@@ -43,7 +43,8 @@ CREATE INDEX failure_of_job ON failure (job);
 /// The state of a farm in one file.
 #[derive(Clone)]
 pub struct SqliteStore {
-    connection: Arc<Mutex<Connection>>,
+    /// None once closed.
+    connection: Arc<Mutex<Option<Connection>>>,
 }
 
 impl SqliteStore {
@@ -69,7 +70,7 @@ impl SqliteStore {
         prepare_schema(&transaction, path)?;
         transaction.commit().map_err(opened)?;
         Ok(Self {
-            connection: Arc::new(Mutex::new(connection)),
+            connection: Arc::new(Mutex::new(Some(connection))),
         })
     }
 
@@ -78,7 +79,10 @@ impl SqliteStore {
         work: impl FnOnce(&mut Connection) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, StoreError> {
         let connection = self.connection.clone();
-        let run = move || work(&mut connection.lock().unwrap_or_else(PoisonError::into_inner));
+        let run = move || {
+            let mut connection = connection.lock().unwrap_or_else(PoisonError::into_inner);
+            work(connection.as_mut().ok_or(StoreError::Stopped)?)
+        };
         tokio::task::spawn_blocking(run)
             .await
             .map_err(|_| StoreError::Stopped)?
@@ -384,6 +388,14 @@ impl StateStore for SqliteStore {
             Ok(transaction.commit()?)
         })
         .await
+    }
+
+    async fn close(&self) {
+        let connection = self.connection.clone();
+        let close = move || drop(connection.lock().unwrap_or_else(PoisonError::into_inner).take());
+        if tokio::task::spawn_blocking(close).await.is_err() {
+            tracing::warn!("the database was not closed");
+        }
     }
 
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {

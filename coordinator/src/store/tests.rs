@@ -1,1 +1,312 @@
+//! One conformance suite for every store, and what is special to each.
 
+use super::memory::MemoryStore;
+use super::*;
+use crate::scheduler::record::{Counters, JobHead, LeaseRecord, WorkerRecord};
+use photonfarm_core::settings::{IntegratorSettings, PppmSettings};
+use photonfarm_proto::bundle::FileEntry;
+use photonfarm_proto::id::{LeaseToken, WorkerId};
+use photonfarm_proto::job::{Attempt, BandwidthRange, FailureKind, JobSpec, JobState, Totals};
+use photonfarm_proto::node::NodeKey;
+use std::path::Path;
+use tokio::io::AsyncReadExt;
+
+fn spec() -> JobSpec {
+    JobSpec {
+        scene: BlobHash::of(b"bundle"),
+        main: "scene.xml".into(),
+        defines: [("a".to_owned(), "b".to_owned())].into(),
+        integrator: IntegratorSettings::Pppm(PppmSettings::default()),
+        iterations: 9,
+        seed: u64::MAX,
+    }
+}
+
+fn head(id: u64, key: Option<&str>) -> JobHead {
+    JobHead {
+        id: JobId(id),
+        spec: spec(),
+        key: key.map(str::to_owned),
+        created_ms: 1_700_000_000_000 + id,
+    }
+}
+
+fn lease(token: u64) -> LeaseRecord {
+    LeaseRecord {
+        token: LeaseToken(token),
+        job: JobId(1),
+        node: NodeKey { level: 1, index: 2 },
+        worker: WorkerId(1),
+        attempt: 1,
+        granted_ms: 5,
+        expected_ms: (token % 2 == 0).then_some(7),
+    }
+}
+
+fn added(node: NodeKey) -> Change {
+    let bandwidth = Some(BandwidthRange::one(0.1, None));
+    let totals = Totals {
+        bandwidth,
+        ..Totals::default()
+    };
+    let digest = BlobHash::of(format!("{node}").as_bytes());
+    Change::NodeAdded {
+        job: JobId(1),
+        node,
+        digest,
+        resolution: [3, 2],
+        totals,
+    }
+}
+
+fn worker(id: u64) -> WorkerRecord {
+    WorkerRecord {
+        id: WorkerId(id),
+        name: "w".into(),
+        threads: 2,
+        renderer: "1".into(),
+    }
+}
+
+/// Every kind of change, in an order that a farm could make.
+fn history() -> Vec<Vec<Change>> {
+    let job = JobId(1);
+    let [left, right] = [NodeKey::leaf(0), NodeKey::leaf(1)];
+    let attempt = |message: &str| Attempt {
+        worker: WorkerId(1),
+        kind: FailureKind::Render,
+        message: message.into(),
+    };
+    vec![
+        vec![Change::WorkerRegistered(worker(1)), Change::WorkerRegistered(worker(2))],
+        vec![Change::WorkerForgotten(WorkerId(2))],
+        vec![Change::JobSubmitted(head(1, Some("key")))],
+        vec![Change::JobSubmitted(head(2, None)), Change::JobSubmitted(head(3, None))],
+        vec![Change::LeaseGranted(lease(1)), Change::LeaseGranted(lease(2))],
+        vec![
+            Change::LeaseEnded {
+                job,
+                token: LeaseToken(1),
+            },
+            added(left),
+        ],
+        vec![added(right)],
+        vec![
+            Change::NodeMerged { job, node: left },
+            Change::NodeMerged { job, node: right },
+            added(NodeKey { level: 1, index: 0 }),
+        ],
+        vec![added(NodeKey::leaf(5)), added(NodeKey::leaf(6))],
+        vec![Change::NodeLost {
+            job,
+            node: NodeKey::leaf(6),
+        }],
+        vec![
+            Change::LeafFailed {
+                job,
+                leaf: 3,
+                attempt: attempt("first"),
+            },
+            Change::LeafFailed {
+                job,
+                leaf: 3,
+                attempt: attempt("second"),
+            },
+        ],
+        vec![Change::JobEnded {
+            job: JobId(3),
+            state: JobState::Failed,
+            failure: Some("why".into()),
+            ended_ms: 1_700_000_000_009,
+        }],
+    ]
+}
+
+async fn open_sqlite(folder: &Path) -> SqliteStore {
+    SqliteStore::open(&folder.join("farm.sqlite")).unwrap()
+}
+
+/// A store that is opened anew after every commit keeps the same as rows in memory.
+#[tokio::test]
+async fn the_database_keeps_what_it_commits() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = MemoryStore::default();
+    for changes in history() {
+        let store = open_sqlite(folder.path()).await;
+        store.commit(changes.clone()).await.unwrap();
+        model.commit(changes).await.unwrap();
+        drop(store);
+        let store = open_sqlite(folder.path()).await;
+        assert_eq!(store.load().await.unwrap(), model.load().await.unwrap());
+        for id in 1..=4 {
+            assert_eq!(store.job(JobId(id)).await.unwrap(), model.job(JobId(id)).await.unwrap());
+        }
+        let mut digests = [store.live_digests().await.unwrap(), model.live_digests().await.unwrap()];
+        digests.iter_mut().for_each(|digests| digests.sort_unstable());
+        assert_eq!(digests[0], digests[1]);
+    }
+    let store = open_sqlite(folder.path()).await;
+    assert_eq!(
+        store.load().await.unwrap().counters,
+        Counters {
+            job: 3,
+            worker: 2,
+            token: 2
+        }
+    );
+    for (before, limit) in [(None, 2), (Some(JobId(3)), 5), (Some(JobId(1)), 5), (None, 0)] {
+        let found = store.jobs(before, limit).await.unwrap();
+        assert_eq!(found, model.jobs(before, limit).await.unwrap());
+    }
+    assert_eq!(store.job_by_key("key".into()).await.unwrap().unwrap().head.id, JobId(1));
+    assert_eq!(store.job_by_key("other".into()).await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn a_commit_is_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open_sqlite(folder.path()).await;
+    store
+        .commit(vec![Change::JobSubmitted(head(1, Some("key")))])
+        .await
+        .unwrap();
+    let before = store.load().await.unwrap();
+    let changes = vec![
+        Change::LeaseGranted(lease(1)),
+        Change::JobSubmitted(head(2, Some("key"))),
+    ];
+    assert!(store.commit(changes).await.is_err());
+    assert_eq!(store.load().await.unwrap(), before);
+}
+
+#[tokio::test]
+async fn bundles_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let stores: [Box<dyn StateStore>; 2] = [
+        Box::new(open_sqlite(folder.path()).await),
+        Box::<MemoryStore>::default(),
+    ];
+    for store in stores {
+        let manifest = |bytes| BundleManifest {
+            files: [(
+                "a".to_owned(),
+                FileEntry {
+                    hash: BlobHash::of(b"x"),
+                    bytes,
+                },
+            )]
+            .into(),
+        };
+        for bytes in [1, 5, 1] {
+            store.put_bundle(manifest(bytes).hash(), manifest(bytes)).await.unwrap();
+        }
+        assert_eq!(store.bundle(manifest(5).hash()).await.unwrap(), Some(manifest(5)));
+        assert_eq!(store.bundle(BlobHash::of(b"")).await.unwrap(), None);
+        assert_eq!(store.bundled_size(BlobHash::of(b"x")).await.unwrap(), Some(5));
+        assert_eq!(store.bundled_size(BlobHash::of(b"y")).await.unwrap(), None);
+    }
+}
+
+#[tokio::test]
+async fn a_database_has_one_user() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("farm.sqlite");
+    let first = SqliteStore::open(&path).unwrap();
+    assert!(matches!(SqliteStore::open(&path), Err(StoreError::InUse(_))));
+    first.commit(history().remove(0)).await.unwrap();
+    assert!(matches!(SqliteStore::open(&path), Err(StoreError::InUse(_))));
+    drop(first);
+    SqliteStore::open(&path).unwrap();
+}
+
+#[tokio::test]
+async fn foreign_and_newer_databases_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |name: &str, bytes: Option<&[u8]>, sql: &str| {
+        let path = folder.path().join(name);
+        match bytes {
+            Some(bytes) => std::fs::write(&path, bytes).unwrap(),
+            None => rusqlite::Connection::open(&path).unwrap().execute_batch(sql).unwrap(),
+        }
+        match SqliteStore::open(&path) {
+            Err(StoreError::Foreign { reason, .. }) => reason,
+            Err(other) => panic!("{name}: {other}"),
+            Ok(_) => panic!("{name} was opened"),
+        }
+    };
+    assert!(refused("text", Some(&[b'x'; 4096]), "").contains("not a database"));
+    assert!(refused("other", None, "CREATE TABLE t (x);").contains("another program"));
+    let newer = "PRAGMA application_id = 0x5048464d; PRAGMA user_version = 2; CREATE TABLE t (x);";
+    assert!(refused("newer", None, newer).contains("schema 2"));
+}
+
+#[tokio::test]
+async fn a_damaged_database_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("farm.sqlite");
+    let store = SqliteStore::open(&path).unwrap();
+    for changes in history() {
+        store.commit(changes).await.unwrap();
+    }
+    drop(store);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let page = 4096;
+    bytes[page..3 * page].fill(0xab);
+    std::fs::write(&path, bytes).unwrap();
+    assert!(SqliteStore::open(&path).is_err());
+}
+
+#[tokio::test]
+async fn blobs_are_there_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = FolderStore::open(folder.path()).unwrap();
+    let hash = BlobHash::of(b"light");
+    assert!(matches!(store.read(hash).await, Err(StoreError::NoBlob(_))));
+    assert!(matches!(store.open(hash).await, Err(StoreError::NoBlob(_))));
+
+    let mut staged = store.stage().await.unwrap();
+    staged.write(b"li").await.unwrap();
+    assert!(!store.contains(hash).await.unwrap());
+    staged.write(b"ght").await.unwrap();
+    staged.publish(hash).await.unwrap();
+    assert_eq!(store.read(hash).await.unwrap(), b"light");
+
+    let mut wrong = store.stage().await.unwrap();
+    wrong.write(b"lignt").await.unwrap();
+    assert!(matches!(wrong.publish(hash).await, Err(StoreError::WrongHash { .. })));
+    drop(store.stage().await.unwrap());
+    assert_eq!(std::fs::read_dir(folder.path().join("staging")).unwrap().count(), 0);
+
+    assert_eq!(put(&store, b"light").await.unwrap(), hash);
+    let store = FolderStore::open(folder.path()).unwrap();
+    assert_eq!(store.list().await.unwrap(), [hash]);
+    let (bytes, mut reader) = store.open(hash).await.unwrap();
+    let mut read = Vec::new();
+    reader.read_to_end(&mut read).await.unwrap();
+    assert_eq!((bytes, read.as_slice()), (5, b"light".as_slice()));
+    store.remove(hash).await.unwrap();
+    store.remove(hash).await.unwrap();
+    assert!(!store.contains(hash).await.unwrap());
+}
+
+#[tokio::test]
+async fn half_written_blobs_are_gone_after_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = FolderStore::open(folder.path()).unwrap();
+    let mut staged = store.stage().await.unwrap();
+    staged.write(b"half").await.unwrap();
+    std::mem::forget(staged);
+    let store = FolderStore::open(folder.path()).unwrap();
+    assert_eq!(std::fs::read_dir(folder.path().join("staging")).unwrap().count(), 0);
+    assert_eq!(store.list().await.unwrap(), []);
+}
+
+#[tokio::test]
+async fn damaged_blobs_are_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = FolderStore::open(folder.path()).unwrap();
+    let hash = put(&store, b"light").await.unwrap();
+    let digits = hash.to_string();
+    std::fs::write(folder.path().join(&digits[..2]).join(&digits[2..]), b"lighs").unwrap();
+    assert!(matches!(store.read(hash).await, Err(StoreError::Damaged(_))));
+}

@@ -1,0 +1,213 @@
+//! Failures between bytes, row and acknowledgement.
+
+use super::*;
+use crate::scheduler::Delivered;
+use crate::store::memory::{MemoryStore, NextCommit};
+use crate::store::{self, FolderStore};
+use axum::body::Bytes;
+use futures_util::stream;
+use photonfarm_core::film::Node;
+use photonfarm_core::settings::{IntegratorSettings, PathSettings};
+use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::job::{JobSpec, JobState, Totals};
+use photonfarm_proto::node::{NodeHeader, encode_node};
+use photonfarm_proto::worker::{NodeUpload, frame_upload};
+use std::convert::Infallible;
+use std::path::Path;
+use tempfile::TempDir;
+
+struct World {
+    folder: TempDir,
+    state: Arc<MemoryStore>,
+    service: Arc<Service>,
+    worker: WorkerId,
+    job: JobId,
+}
+
+fn stores(folder: &Path, state: &Arc<MemoryStore>) -> Stores {
+    let open = |name: &str| Arc::new(FolderStore::open(&folder.join(name)).unwrap());
+    Stores {
+        state: state.clone(),
+        scenes: open("scenes"),
+        nodes: open("nodes"),
+    }
+}
+
+async fn open(folder: &Path, state: &Arc<MemoryStore>) -> Arc<Service> {
+    Service::open(Limits::default(), SchedulerConfig::default(), stores(folder, state))
+        .await
+        .unwrap()
+}
+
+impl World {
+    async fn new(iterations: u32) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let state = Arc::new(MemoryStore::default());
+        let service = open(folder.path(), &state).await;
+        let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
+        let bundle = service.submit_bundle(BundleManifest { files }).await.unwrap().bundle;
+        store::put(&*service.stores.scenes, b"scene").await.unwrap();
+        let spec = JobSpec {
+            scene: bundle,
+            main: "scene.xml".into(),
+            defines: Default::default(),
+            integrator: IntegratorSettings::Path(PathSettings::default()),
+            iterations,
+            seed: 0,
+        };
+        let job = service.submit_job(spec, None).await.unwrap().0.id;
+        let register = Register {
+            name: "w".into(),
+            threads: 1,
+            renderer: RENDERER.into(),
+        };
+        let worker = service.register(register).await.unwrap();
+        Self {
+            folder,
+            state,
+            service,
+            worker,
+            job,
+        }
+    }
+
+    async fn lease(&self) -> Lease {
+        let request = LeaseRequest {
+            worker: self.worker,
+            held: vec![],
+            wait_ms: 0,
+        };
+        let mut granted = self.service.lease(request.clone()).await.unwrap();
+        if granted.is_none() {
+            granted = self.service.lease(request).await.unwrap();
+        }
+        granted.unwrap().lease
+    }
+
+    async fn upload(&self, lease: &Lease) -> Result<Delivered, ServiceError> {
+        let node = Node::leaf(
+            lease.node.index,
+            2,
+            1,
+            &[Spectrum::splat(0.5 + lease.node.index as f32); 2],
+        )
+        .unwrap();
+        let image = encode_node(self.job, &node);
+        let upload = NodeUpload {
+            token: lease.token,
+            worker: self.worker,
+            job: self.job,
+            node: lease.node,
+            width: 2,
+            height: 1,
+            digest: BlobHash::of(&image),
+            totals: Totals::default(),
+        };
+        let body = [frame_upload(&upload).unwrap().as_slice(), &image[NodeHeader::BYTES..]].concat();
+        self.service
+            .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]))
+            .await
+    }
+
+    fn next_commit(&self, next: NextCommit) {
+        *self.state.next.lock().unwrap() = next;
+    }
+
+    async fn done(&self) -> u64 {
+        self.service.status(self.job).await.unwrap().iterations_done
+    }
+
+    async fn blobs(&self) -> usize {
+        self.service.stores.nodes.list().await.unwrap().len()
+    }
+}
+
+#[tokio::test]
+async fn bytes_without_a_row_do_not_count_and_go_at_the_next_start() {
+    let world = World::new(4).await;
+    let lease = world.lease().await;
+    world.next_commit(NextCommit::Fails);
+    let error = world.upload(&lease).await.unwrap_err().into_problem();
+    assert!(error.retryable && error.status == 500);
+    assert_eq!(world.done().await, 0);
+    let World {
+        folder, state, service, ..
+    } = world;
+    drop(service);
+    let stores = stores(folder.path(), &state);
+    store::put(&*stores.nodes, b"left behind").await.unwrap();
+    let service = open(folder.path(), &state).await;
+    assert_eq!(service.stores.nodes.list().await.unwrap(), []);
+}
+
+#[tokio::test]
+async fn a_failed_commit_is_made_good_by_a_repeat() {
+    let world = World::new(4).await;
+    let lease = world.lease().await;
+    world.next_commit(NextCommit::Fails);
+    assert!(world.upload(&lease).await.is_err());
+    assert_eq!(world.upload(&lease).await.unwrap(), Delivered::Counted);
+    assert_eq!((world.done().await, world.blobs().await), (1, 1));
+}
+
+#[tokio::test]
+async fn a_commit_that_succeeded_unnoticed_counts_once() {
+    let world = World::new(4).await;
+    let lease = world.lease().await;
+    world.next_commit(NextCommit::SucceedsUnnoticed);
+    assert!(world.upload(&lease).await.is_err());
+    assert_eq!(world.upload(&lease).await.unwrap(), Delivered::Duplicate);
+    assert_eq!(world.done().await, 1);
+}
+
+#[tokio::test]
+async fn a_lease_whose_commit_is_in_doubt_never_shares_its_token() {
+    let world = World::new(4).await;
+    world.next_commit(NextCommit::SucceedsUnnoticed);
+    let request = LeaseRequest {
+        worker: world.worker,
+        held: vec![],
+        wait_ms: 0,
+    };
+    assert!(world.service.lease(request).await.is_err());
+    let doubtful = world.state.rows().jobs[&world.job].leases[0].token;
+    assert!(world.lease().await.token > doubtful);
+}
+
+#[tokio::test]
+async fn merges_left_undone_are_done_at_the_next_start() {
+    let world = World::new(2).await;
+    for _ in 0..2 {
+        let folding = world.service.folding.lock().await;
+        let lease = world.lease().await;
+        world.upload(&lease).await.unwrap();
+        if lease.node.index == 1 {
+            world.service.stop();
+            std::mem::forget(folding);
+        }
+    }
+    assert_eq!(world.service.status(world.job).await.unwrap().state, JobState::Running);
+    let service = open(world.folder.path(), &world.state).await;
+    let status = service.status(world.job).await.unwrap();
+    assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));
+}
+
+#[tokio::test]
+async fn a_lost_image_is_rendered_again() {
+    let world = World::new(2).await;
+    let first = world.lease().await;
+    world.upload(&first).await.unwrap();
+    let digest = world.service.stores.nodes.list().await.unwrap()[0];
+    world.service.stores.nodes.remove(digest).await.unwrap();
+    let second = world.lease().await;
+    world.upload(&second).await.unwrap();
+    world.service.fold_all().await;
+    assert_eq!(world.done().await, 1);
+    let again = world.lease().await;
+    assert_eq!(again.node, first.node);
+    world.upload(&again).await.unwrap();
+    world.service.fold_all().await;
+    let status = world.service.status(world.job).await.unwrap();
+    assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));
+}

@@ -1,0 +1,203 @@
+//! A store for tests: state in memory, which can be told to fail.
+
+use super::{StateStore, StoreError};
+use crate::scheduler::record::{Change, Counters, JobHead, JobRecord, NodeRecord, Snapshot, WorkerRecord};
+use async_trait::async_trait;
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
+use photonfarm_proto::job::{JobState, Totals};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard};
+
+/// Rows as a database would have them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rows {
+    counters: Counters,
+    workers: BTreeMap<WorkerId, WorkerRecord>,
+    pub(crate) jobs: BTreeMap<JobId, JobRecord>,
+    bundles: BTreeMap<BlobHash, BundleManifest>,
+}
+
+impl Rows {
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        Snapshot {
+            counters: self.counters,
+            workers: self.workers.values().cloned().collect(),
+            jobs: self
+                .jobs
+                .values()
+                .filter(|job| job.ended_ms.is_none())
+                .cloned()
+                .collect(),
+        }
+    }
+
+    pub(crate) fn apply(&mut self, change: &Change) {
+        match change {
+            Change::WorkerRegistered(worker) => {
+                self.counters.worker = self.counters.worker.max(worker.id.0);
+                self.workers.insert(worker.id, worker.clone());
+            }
+            Change::WorkerForgotten(worker) => _ = self.workers.remove(worker),
+            Change::JobSubmitted(head) => {
+                self.counters.job = self.counters.job.max(head.id.0);
+                assert!(self.jobs.insert(head.id, new_job(head.clone())).is_none());
+            }
+            Change::LeaseGranted(lease) => {
+                self.counters.token = self.counters.token.max(lease.token.0);
+                let job = self.job(lease.job);
+                job.state = JobState::Running;
+                job.leases.push(lease.clone());
+            }
+            Change::LeaseEnded { job, token } => self.job(*job).leases.retain(|lease| lease.token != *token),
+            Change::NodeAdded {
+                job,
+                node,
+                digest,
+                resolution,
+                totals,
+            } => {
+                let job = self.job(*job);
+                job.nodes.retain(|(key, _)| key != node);
+                job.nodes.push((
+                    *node,
+                    NodeRecord {
+                        digest: *digest,
+                        live: true,
+                    },
+                ));
+                job.nodes.sort_unstable_by_key(|(key, _)| *key);
+                (job.resolution, job.totals) = (Some(*resolution), *totals);
+            }
+            Change::NodeMerged { job, node } => {
+                let nodes = &mut self.job(*job).nodes;
+                nodes
+                    .iter_mut()
+                    .filter(|(key, _)| key == node)
+                    .for_each(|(_, record)| record.live = false);
+            }
+            Change::NodeLost { job, node } => self.job(*job).nodes.retain(|(key, _)| key != node),
+            Change::LeafFailed { job, leaf, attempt } => self.job(*job).failures.push((*leaf, attempt.clone())),
+            Change::JobEnded {
+                job,
+                state,
+                failure,
+                ended_ms,
+            } => {
+                let job = self.job(*job);
+                job.leases.clear();
+                (job.state, job.failure, job.ended_ms) = (*state, failure.clone(), Some(*ended_ms));
+            }
+        }
+    }
+
+    fn job(&mut self, id: JobId) -> &mut JobRecord {
+        self.jobs.get_mut(&id).unwrap()
+    }
+}
+
+fn new_job(head: JobHead) -> JobRecord {
+    JobRecord {
+        head,
+        state: JobState::Queued,
+        failure: None,
+        ended_ms: None,
+        resolution: None,
+        totals: Totals::default(),
+        nodes: Vec::new(),
+        leases: Vec::new(),
+        failures: Vec::new(),
+    }
+}
+
+/// What happens to the next commit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum NextCommit {
+    /// It succeeds.
+    #[default]
+    Succeeds,
+    /// It fails and changes nothing.
+    Fails,
+    /// It is applied, but reported as failed.
+    SucceedsUnnoticed,
+}
+
+/// State in memory.
+#[derive(Debug, Default)]
+pub(crate) struct MemoryStore {
+    rows: Mutex<Rows>,
+    pub(crate) next: Mutex<NextCommit>,
+}
+
+impl MemoryStore {
+    pub(crate) fn rows(&self) -> MutexGuard<'_, Rows> {
+        self.rows.lock().unwrap()
+    }
+}
+
+#[async_trait]
+impl StateStore for MemoryStore {
+    async fn load(&self) -> Result<Snapshot, StoreError> {
+        Ok(self.rows().snapshot())
+    }
+
+    async fn commit(&self, changes: Vec<Change>) -> Result<(), StoreError> {
+        let next = std::mem::take(&mut *self.next.lock().unwrap());
+        if next != NextCommit::Fails {
+            changes.iter().for_each(|change| self.rows().apply(change));
+        }
+        match next {
+            NextCommit::Succeeds => Ok(()),
+            NextCommit::Fails | NextCommit::SucceedsUnnoticed => Err(StoreError::Stopped),
+        }
+    }
+
+    async fn close(&self) {}
+
+    async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {
+        Ok(self.rows().jobs.get(&id).cloned())
+    }
+
+    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
+        let rows = self.rows();
+        let below = rows
+            .jobs
+            .values()
+            .rev()
+            .filter(|job| before.is_none_or(|before| job.head.id < before));
+        Ok(below.take(limit as usize).cloned().collect())
+    }
+
+    async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {
+        Ok(self
+            .rows()
+            .jobs
+            .values()
+            .find(|job| job.head.key.as_ref() == Some(&key))
+            .cloned())
+    }
+
+    async fn put_bundle(&self, hash: BlobHash, manifest: BundleManifest) -> Result<(), StoreError> {
+        self.rows().bundles.insert(hash, manifest);
+        Ok(())
+    }
+
+    async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
+        Ok(self.rows().bundles.get(&hash).cloned())
+    }
+
+    async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
+        let rows = self.rows();
+        let sizes = rows.bundles.values().flat_map(|bundle| bundle.files.values());
+        Ok(sizes.filter(|file| file.hash == blob).map(|file| file.bytes).max())
+    }
+
+    async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError> {
+        let rows = self.rows();
+        let nodes = rows.jobs.values().flat_map(|job| &job.nodes);
+        Ok(nodes
+            .filter(|(_, node)| node.live)
+            .map(|(_, node)| node.digest)
+            .collect())
+    }
+}

@@ -1,0 +1,327 @@
+//! A farm in one process, with a renderer whose pixels are known and which can be held, broken and watched.
+
+use futures_util::StreamExt;
+use photonfarm_coordinator::{Config, Coordinator};
+use photonfarm_core::film::{Image, Node};
+use photonfarm_core::integrator::{Counts, Iteration, Observer, Phase, RenderError};
+use photonfarm_core::picture::{DecodedExr, decode_exr};
+use photonfarm_core::settings::{IntegratorSettings, PppmSettings};
+use photonfarm_core::spectrum::Spectrum;
+use photonfarm_core::tree::Average;
+use photonfarm_proto::api::BundleReply;
+use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::job::{BandwidthRange, JobSpec, JobStatus};
+use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
+use std::collections::{BTreeMap, BTreeSet};
+use std::net::SocketAddr;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+use tempfile::TempDir;
+use tokio::net::TcpListener;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+pub(crate) const SIZE: [u32; 2] = [8, 4];
+pub(crate) const SEED: u64 = 7;
+
+/// What goes wrong with an iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fault {
+    Panics,
+    IsNotFinite,
+}
+
+/// Control over all renderers of a test.
+#[derive(Default)]
+pub(crate) struct Stage {
+    held: Mutex<BTreeSet<u32>>,
+    released: Condvar,
+    pub(crate) faults: Mutex<BTreeMap<u32, Fault>>,
+    /// Every iteration that was begun, in order.
+    pub(crate) begun: watch::Sender<Vec<u32>>,
+    pub(crate) completed: Mutex<Vec<u32>>,
+}
+
+impl Stage {
+    pub(crate) fn hold(&self, iteration: u32) {
+        self.held.lock().unwrap().insert(iteration);
+    }
+
+    pub(crate) fn release(&self, iteration: u32) {
+        self.held.lock().unwrap().remove(&iteration);
+        self.released.notify_all();
+    }
+
+    /// Waits until `iteration` was begun `times` times.
+    pub(crate) async fn until_begun(&self, iteration: u32, times: usize) {
+        let count = |begun: &Vec<u32>| begun.iter().filter(|i| **i == iteration).count() >= times;
+        self.begun.subscribe().wait_for(count).await.unwrap();
+    }
+
+    fn pass(&self, iteration: u32, observer: &dyn Observer) -> Result<(), RenderError> {
+        let mut held = self.held.lock().unwrap();
+        while held.contains(&iteration) {
+            if observer.cancelled() {
+                return Err(RenderError::Cancelled);
+            }
+            held = self.released.wait_timeout(held, Duration::from_millis(10)).unwrap().0;
+        }
+        Ok(())
+    }
+}
+
+/// Values whose sum depends on the order of additions.
+pub(crate) fn pixels(seed: u64, iteration: u32) -> Vec<Spectrum> {
+    let value = |n: u64| {
+        let mixed = (seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (u64::from(iteration) << 32 | n);
+        let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (mixed >> 40) as f32 * 1e-5
+    };
+    let count = u64::from(SIZE[0] * SIZE[1]);
+    (0..count)
+        .map(|p| Spectrum::from_rgb([value(3 * p), value(3 * p + 1), value(3 * p + 2)]))
+        .collect()
+}
+
+/// What one process and one thread would give.
+pub(crate) fn reference(seed: u64, iterations: impl IntoIterator<Item = u32>) -> Image {
+    let mut average = Average::default();
+    for iteration in iterations {
+        average
+            .push(Node::leaf(iteration - 1, SIZE[0], SIZE[1], &pixels(seed, iteration)).unwrap())
+            .unwrap();
+    }
+    average.finish().unwrap()
+}
+
+struct Double(Arc<Stage>);
+
+impl Renderer for Double {
+    fn load(
+        &self,
+        files: &BundleFiles,
+        main: &str,
+        _: &BTreeMap<String, String>,
+    ) -> Result<Arc<dyn LoadedScene>, String> {
+        let content = files.bytes(main).map_err(|error| error.to_string())?;
+        match content.strip_prefix(b"broken ") {
+            Some(reason) => Err(format!("{main}:1: {}", String::from_utf8_lossy(reason))),
+            None => Ok(Arc::new(DoubleScene(self.0.clone()))),
+        }
+    }
+}
+
+struct DoubleScene(Arc<Stage>);
+
+impl LoadedScene for DoubleScene {
+    fn resolution(&self) -> [u32; 2] {
+        SIZE
+    }
+
+    fn bandwidth(&self, _: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange> {
+        Some(BandwidthRange::one(1.0 / iteration as f32, None))
+    }
+
+    fn render(
+        &self,
+        _: &IntegratorSettings,
+        seed: u64,
+        iteration: u32,
+        observer: &dyn Observer,
+    ) -> Result<Iteration, RenderError> {
+        self.0.begun.send_modify(|begun| begun.push(iteration));
+        observer.phase(Phase::TraceCamera);
+        self.0.pass(iteration, observer)?;
+        observer.phase(Phase::Done);
+        let mut pixels = pixels(seed, iteration);
+        let fault = self.0.faults.lock().unwrap().get(&iteration).copied();
+        match fault {
+            Some(Fault::Panics) => panic!("iteration {iteration} went wrong"),
+            Some(Fault::IsNotFinite) => pixels[3] = Spectrum::splat(f32::NAN),
+            None => {}
+        }
+        self.0.completed.lock().unwrap().push(iteration);
+        let counts = Counts {
+            rays: 10,
+            light_paths: 1,
+            ..Counts::default()
+        };
+        Ok(Iteration { pixels, counts })
+    }
+}
+
+/// A coordinator that can be restarted on the same address and data, and its workers.
+pub(crate) struct Farm {
+    pub(crate) stage: Arc<Stage>,
+    folder: TempDir,
+    address: SocketAddr,
+    coordinator: Option<Coordinator>,
+    pub(crate) http: reqwest::Client,
+}
+
+impl Farm {
+    pub(crate) async fn start() -> Self {
+        let mut farm = Self {
+            stage: Arc::default(),
+            folder: tempfile::tempdir().unwrap(),
+            address: SocketAddr::from(([127, 0, 0, 1], 0)),
+            coordinator: None,
+            http: reqwest::Client::builder().no_proxy().build().unwrap(),
+        };
+        farm.resume().await;
+        farm
+    }
+
+    pub(crate) fn config(&self) -> Config {
+        let mut config = Config::new(self.folder.path().join("data"));
+        config.scheduler.lease_ttl_ms = 1_500;
+        config.scheduler.reconnect_ms = 5_000;
+        config
+    }
+
+    /// Starts the coordinator where it was.
+    pub(crate) async fn resume(&mut self) {
+        let listener = TcpListener::bind(self.address).await.unwrap();
+        self.address = listener.local_addr().unwrap();
+        self.coordinator = Some(Coordinator::start(self.config(), listener).await.unwrap());
+    }
+
+    pub(crate) async fn stop(&mut self) {
+        self.coordinator.take().unwrap().shutdown().await;
+    }
+
+    pub(crate) fn worker(&self, name: &str) -> TestWorker {
+        let mut config = WorkerConfig::new(format!("http://{}", self.address), self.folder.path().join(name));
+        config.name = name.into();
+        config.threads = 1;
+        config.renderer = Arc::new(Double(self.stage.clone()));
+        let drain = CancellationToken::new();
+        let task = tokio::spawn(Worker::new(config).unwrap().run(drain.clone()));
+        TestWorker { drain, task }
+    }
+
+    pub(crate) fn url(&self, path: &str) -> String {
+        format!("http://{}/v1/{path}", self.address)
+    }
+
+    pub(crate) async fn submit(&self, scene: &[u8], iterations: u32) -> JobId {
+        let files = [("scene.xml".to_owned(), FileEntry::of(scene))].into();
+        let bundle = self
+            .http
+            .post(self.url("bundles"))
+            .json(&BundleManifest { files })
+            .send()
+            .await
+            .unwrap();
+        let BundleReply { bundle, missing } = bundle.json().await.unwrap();
+        for hash in missing {
+            assert_eq!(hash, BlobHash::of(scene));
+            let put = self
+                .http
+                .put(self.url(&format!("blobs/{hash}")))
+                .body(scene.to_vec())
+                .send()
+                .await
+                .unwrap();
+            assert_eq!(put.status(), 201);
+        }
+        let spec = JobSpec {
+            scene: bundle,
+            main: "scene.xml".into(),
+            defines: BTreeMap::new(),
+            integrator: IntegratorSettings::Pppm(PppmSettings::default()),
+            iterations,
+            seed: SEED,
+        };
+        let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();
+        assert_eq!(reply.status(), 201);
+        reply.json::<JobStatus>().await.unwrap().id
+    }
+
+    pub(crate) async fn status(&self, job: JobId) -> JobStatus {
+        self.http
+            .get(self.url(&format!("jobs/{job}")))
+            .send()
+            .await
+            .unwrap()
+            .json()
+            .await
+            .unwrap()
+    }
+
+    /// Follows the job's events until one satisfies the condition.
+    pub(crate) async fn until(&self, job: JobId, condition: impl Fn(&JobStatus) -> bool) -> JobStatus {
+        let reply = self
+            .http
+            .get(self.url(&format!("jobs/{job}/events")))
+            .send()
+            .await
+            .unwrap();
+        assert_eq!(reply.status(), 200);
+        let mut stream = reply.bytes_stream();
+        let mut text = String::new();
+        loop {
+            let piece = stream
+                .next()
+                .await
+                .expect("the events end before the condition")
+                .unwrap();
+            text.push_str(std::str::from_utf8(&piece).unwrap());
+            while let Some((event, rest)) = text.split_once("\n\n") {
+                let data = event.lines().find_map(|line| line.strip_prefix("data: "));
+                let status = data.map(|data| serde_json::from_str::<JobStatus>(data).unwrap());
+                text = rest.to_owned();
+                if let Some(status) = status.filter(&condition) {
+                    return status;
+                }
+            }
+        }
+    }
+
+    pub(crate) async fn until_ended(&self, job: JobId) -> JobStatus {
+        self.until(job, |status| status.state.ended()).await
+    }
+
+    pub(crate) async fn image(&self, job: JobId) -> DecodedExr {
+        let reply = self
+            .http
+            .get(self.url(&format!("jobs/{job}/image.exr")))
+            .send()
+            .await
+            .unwrap();
+        assert_eq!(reply.status(), 200);
+        decode_exr(&reply.bytes().await.unwrap(), 1000).unwrap()
+    }
+
+    /// The job's picture has the same bits as that of one process.
+    pub(crate) async fn check_image(&self, job: JobId, iterations: impl IntoIterator<Item = u32>) {
+        let (image, expected) = (self.image(job).await, reference(SEED, iterations));
+        assert_eq!(bits(&image.pixels), bits(&expected.pixels));
+        assert_eq!(image.standard_error, expected.standard_error);
+        assert_eq!(image.metadata.unwrap().iterations, expected.iterations);
+    }
+}
+
+pub(crate) fn bits(pixels: &[Spectrum]) -> Vec<[u32; 3]> {
+    pixels.iter().map(|pixel| pixel.to_rgb().map(f32::to_bits)).collect()
+}
+
+pub(crate) struct TestWorker {
+    pub(crate) drain: CancellationToken,
+    pub(crate) task: JoinHandle<Result<(), WorkerError>>,
+}
+
+impl TestWorker {
+    /// Ends as by SIGTERM.
+    pub(crate) async fn drain(self) {
+        self.drain.cancel();
+        self.task.await.unwrap().unwrap();
+    }
+
+    /// Ends without a word.
+    pub(crate) async fn kill(self) {
+        self.task.abort();
+        let _ = self.task.await;
+    }
+}
