@@ -39,7 +39,7 @@ fn lease(token: u64) -> LeaseRecord {
         worker: WorkerId(1),
         attempt: 1,
         granted_ms: 5,
-        expected_ms: (token % 2 == 0).then_some(7),
+        expected_ms: token.is_multiple_of(2).then_some(7),
     }
 }
 

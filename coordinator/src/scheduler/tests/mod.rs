@@ -1,0 +1,43 @@
+//! Tests of the scheduler: random histories, and its rules one by one.
+
+mod histories;
+mod rules;
+
+use super::record::LeaseRecord;
+use super::*;
+use photonfarm_core::settings::{IntegratorSettings, PathSettings};
+use photonfarm_proto::job::{PhaseSeconds, Totals};
+
+fn spec(iterations: u32) -> JobSpec {
+    JobSpec {
+        scene: BlobHash::of(b""),
+        main: "scene.xml".into(),
+        defines: Default::default(),
+        integrator: IntegratorSettings::Path(PathSettings::default()),
+        iterations,
+        seed: 0,
+    }
+}
+
+fn digest(job: JobId, node: NodeKey) -> BlobHash {
+    BlobHash::of(format!("{job} {node}").as_bytes())
+}
+
+fn delivery(lease: &LeaseRecord, node: NodeKey) -> Delivery {
+    let seconds = PhaseSeconds {
+        other: 3.0 * node.leaves() as f64,
+        ..PhaseSeconds::default()
+    };
+    Delivery {
+        token: lease.token,
+        worker: lease.worker,
+        job: lease.job,
+        node,
+        resolution: [4, 4],
+        digest: digest(lease.job, node),
+        totals: Totals {
+            seconds,
+            ..Totals::default()
+        },
+    }
+}

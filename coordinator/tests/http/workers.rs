@@ -1,0 +1,207 @@
+//! What workers send right, wrong and twice.
+
+use crate::support::{Farm, expect_problem};
+use photonfarm_core::film::Node;
+use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::api::WorkerList;
+use photonfarm_proto::codec::{decode, encode};
+use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::job::{JobState, Totals};
+use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
+use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::worker::{Assignment, LeaseRequest, NodeReply, NodeUpload, Register, frame_upload};
+use reqwest::{Method, StatusCode};
+use serde_json::json;
+
+fn leaf(index: u32, value: f32) -> Node {
+    Node::leaf(index, 2, 2, &[Spectrum::splat(value); 4]).unwrap()
+}
+
+fn upload(assignment: &Assignment, node: &Node) -> (NodeUpload, Vec<u8>) {
+    let image = encode_node(assignment.lease.job, node);
+    let announcement = NodeUpload {
+        token: assignment.lease.token,
+        worker: assignment.lease.worker,
+        job: assignment.lease.job,
+        node: NodeKey {
+            level: node.level,
+            index: node.index,
+        },
+        width: node.width,
+        height: node.height,
+        digest: BlobHash::of(&image),
+        totals: Totals::default(),
+    };
+    (announcement, image[NodeHeader::BYTES..].to_vec())
+}
+
+fn body((announcement, planes): &(NodeUpload, Vec<u8>)) -> Vec<u8> {
+    [frame_upload(announcement).unwrap().as_slice(), planes].concat()
+}
+
+#[tokio::test]
+async fn images_come_at_any_time_and_are_named_by_their_tag() {
+    let farm = Farm::start().await;
+    let job = farm.submit(3).await;
+    expect_problem(farm.get(&format!("jobs/{job}/image.png")).await, ErrorCode::NoImageYet).await;
+    expect_problem(farm.get("jobs/9/image.png").await, ErrorCode::NotFound).await;
+    let worker = farm.register().await;
+    let assignment = farm.lease(worker).await;
+    let sent = farm.send("nodes", body(&upload(&assignment, &leaf(0, 0.5)))).await;
+    assert_eq!(sent.status(), StatusCode::OK);
+    for (name, magic) in [("image.exr", b"\x76\x2f\x31\x01"), ("image.png", b"\x89PNG")] {
+        let path = format!("jobs/{job}/{name}");
+        let reply = farm.get(&path).await;
+        let tag = reply.headers()["etag"].clone();
+        assert_eq!(reply.bytes().await.unwrap()[..4], magic[..]);
+        let same = farm
+            .request(Method::GET, &path)
+            .header("if-none-match", &tag)
+            .send()
+            .await
+            .unwrap();
+        assert_eq!(same.status(), StatusCode::NOT_MODIFIED);
+        let other = farm
+            .request(Method::GET, &path)
+            .header("if-none-match", "\"x\"")
+            .send()
+            .await
+            .unwrap();
+        assert_eq!(other.status(), StatusCode::OK);
+    }
+}
+
+#[tokio::test]
+async fn nodes_count_once_and_stale_tokens_never() {
+    let farm = Farm::start().await;
+    let job = farm.submit(2).await;
+    let worker = farm.register().await;
+    let first = farm.lease(worker).await;
+    assert_eq!(first.lease.node, NodeKey::leaf(0));
+    let good = body(&upload(&first, &leaf(0, 0.5)));
+    for duplicate in [false, true, true] {
+        let reply = farm.send("nodes", good.clone()).await;
+        assert_eq!(
+            decode::<NodeReply>(&reply.bytes().await.unwrap()).unwrap(),
+            NodeReply { duplicate }
+        );
+    }
+    let other = body(&upload(&first, &leaf(0, 0.75)));
+    expect_problem(farm.send("nodes", other).await, ErrorCode::ResultConflict).await;
+    let second = farm.lease(worker).await;
+    let (mut forged, planes) = upload(&second, &leaf(1, 0.5));
+    forged.token = LeaseToken(second.lease.token.0 + 5);
+    expect_problem(farm.send("nodes", body(&(forged, planes))).await, ErrorCode::StaleLease).await;
+    assert_eq!(farm.status(job).await.iterations_done, 1);
+    let last = body(&upload(&second, &leaf(1, 0.25)));
+    assert_eq!(farm.send("nodes", last.clone()).await.status(), StatusCode::OK);
+    while farm.status(job).await.state != JobState::Done {
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(
+        farm.send("nodes", last).await.status(),
+        StatusCode::OK,
+        "a repeat after the end is known, too"
+    );
+    assert_eq!(farm.send("nodes", good).await.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn damaged_nodes_are_refused_and_nothing_counts() {
+    let farm = Farm::start().await;
+    let job = farm.submit(2).await;
+    let worker = farm.register().await;
+    let lease = farm.lease(worker).await;
+    let (good, planes) = upload(&lease, &leaf(0, 0.5));
+    let send = async |change: &dyn Fn(&mut NodeUpload), planes: &[u8]| {
+        let mut announcement = good.clone();
+        change(&mut announcement);
+        farm.send("nodes", body(&(announcement, planes.to_vec()))).await
+    };
+    expect_problem(farm.send("nodes", vec![]).await, ErrorCode::Malformed).await;
+    expect_problem(farm.send("nodes", vec![0xff; 40]).await, ErrorCode::Malformed).await;
+    expect_problem(send(&|_| {}, &planes[1..]).await, ErrorCode::Malformed).await;
+    expect_problem(send(&|_| {}, &[&planes[..], &[0]].concat()).await, ErrorCode::Malformed).await;
+    let mut flipped = planes.clone();
+    flipped[5] ^= 1;
+    expect_problem(send(&|_| {}, &flipped).await, ErrorCode::ContentMismatch).await;
+    expect_problem(send(&|u| u.width = u32::MAX, &planes).await, ErrorCode::Limit).await;
+    expect_problem(send(&|u| u.width = 0, &planes).await, ErrorCode::Invalid).await;
+    expect_problem(
+        send(&|u| u.node = NodeKey { level: 40, index: 0 }, &planes).await,
+        ErrorCode::Invalid,
+    )
+    .await;
+    expect_problem(send(&|u| u.node = NodeKey::leaf(2), &planes).await, ErrorCode::Invalid).await;
+    expect_problem(send(&|u| u.job = JobId(77), &planes).await, ErrorCode::NotFound).await;
+    expect_problem(
+        send(&|u| u.totals.seconds.other = f64::NAN, &planes).await,
+        ErrorCode::Invalid,
+    )
+    .await;
+    let mut poisoned = leaf(0, 0.5);
+    poisoned.sum[2] = f32::NAN;
+    expect_problem(
+        farm.send("nodes", body(&upload(&lease, &poisoned))).await,
+        ErrorCode::Invalid,
+    )
+    .await;
+    let whole = body(&(good.clone(), planes.clone()));
+    for length in (4..whole.len()).step_by(7) {
+        expect_problem(farm.send("nodes", whole[..length].to_vec()).await, ErrorCode::Malformed).await;
+    }
+    assert_eq!(farm.status(job).await.iterations_done, 0);
+    assert_eq!(send(&|_| {}, &planes).await.status(), StatusCode::OK);
+    let next = farm.lease(worker).await;
+    let bigger = Node::leaf(1, 3, 2, &[Spectrum::ONE; 6]).unwrap();
+    let problem = expect_problem(
+        farm.send("nodes", body(&upload(&next, &bigger))).await,
+        ErrorCode::Invalid,
+    )
+    .await;
+    assert!(problem.detail.contains("3 x 2"), "{problem}");
+    assert_eq!(farm.status(job).await.iterations_done, 1);
+}
+
+#[tokio::test]
+async fn workers_of_another_version_and_garbage_are_refused() {
+    let farm = Farm::start().await;
+    let register = Register {
+        name: "w".into(),
+        threads: 1,
+        renderer: "0.0.0-other".into(),
+    };
+    let mut frame = encode(&register).unwrap();
+    expect_problem(farm.send("register", frame.clone()).await, ErrorCode::VersionMismatch).await;
+    frame[4] = 99;
+    let problem = expect_problem(farm.send("register", frame.clone()).await, ErrorCode::VersionMismatch).await;
+    assert!(problem.detail.contains("99"), "{problem}");
+    for path in ["register", "lease", "heartbeat", "failures", "release", "leave"] {
+        expect_problem(farm.send(path, b"garbage!".to_vec()).await, ErrorCode::Malformed).await;
+        expect_problem(farm.send(path, vec![]).await, ErrorCode::Malformed).await;
+        let json = farm.post_json(&format!("worker/{path}"), &json!({})).await;
+        expect_problem(json, ErrorCode::UnsupportedMediaType).await;
+    }
+    let request = LeaseRequest {
+        worker: WorkerId(5),
+        held: vec![],
+        wait_ms: 0,
+    };
+    expect_problem(
+        farm.send("lease", encode(&request).unwrap()).await,
+        ErrorCode::UnknownWorker,
+    )
+    .await;
+    assert!(
+        farm.get("workers")
+            .await
+            .json::<WorkerList>()
+            .await
+            .unwrap()
+            .workers
+            .is_empty()
+    );
+    farm.register().await;
+    let workers = farm.get("workers").await.json::<WorkerList>().await.unwrap().workers;
+    assert_eq!((workers.len(), workers[0].name.as_str()), (1, "test"));
+}
