@@ -27,6 +27,15 @@ impl Moments {
         }
     }
 
+    /// Means that are known exactly.
+    #[must_use]
+    pub fn exact(values: &[f64]) -> Self {
+        let mut moments = Self::default();
+        moments.push(values);
+        moments.push(values);
+        moments
+    }
+
     /// The mean of each component.
     #[must_use]
     pub fn mean(&self) -> &[f64] {

@@ -1,0 +1,114 @@
+//! Integrators against radiance that can be written down.
+//!
+//! The mean of the image over many iterations is compared with the closed form by a z-test with false-alarm rate
+//! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
+
+use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::scene::{Limits, Scene};
+use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_tests::statistics::{Moments, ZTest};
+use std::collections::BTreeMap;
+
+/// Probability with which a comparison of equal means fails.
+const FALSE_ALARMS: f64 = 1e-4;
+
+fn load(shapes: &str, fov: f32, origin: &str, target: &str) -> Scene {
+    let xml = format!(
+        r#"<scene version="3.0.0">
+            <sensor type="perspective">
+                <float name="fov" value="{fov}"/>
+                <transform name="to_world"><lookat origin="{origin}" target="{target}" up="0, 1, 0"/></transform>
+                <film type="hdrfilm">
+                    <integer name="width" value="8"/><integer name="height" value="8"/><rfilter type="box"/>
+                </film>
+            </sensor>
+            {shapes}
+        </scene>"#
+    );
+    let files = BTreeMap::from([("scene.xml".to_owned(), xml.into_bytes())]);
+    Scene::load(&files, "scene.xml", &BTreeMap::new(), &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Holds the mean radiance of the image against `expected`, which the kernels' bias may miss by the share `bias`.
+fn check(scene: &Scene, settings: &IntegratorSettings, iterations: u32, expected: f64, bias: f64) {
+    let mut moments = Moments::default();
+    for i in 1..=iterations {
+        let image = render_iteration(scene, settings, 11, i, &Unobserved).expect("the iteration renders");
+        let sum: f64 = image.pixels.iter().map(|p| f64::from(p.luminance())).sum();
+        moments.push(&[sum / image.pixels.len() as f64]);
+    }
+    let mean = moments.mean()[0];
+    let nearest = expected * (mean / expected).clamp(1.0 - bias, 1.0 + bias);
+    let test = ZTest::compare(&moments, &Moments::exact(&[nearest]), FALSE_ALARMS);
+    println!(
+        "{}: {mean} for {expected}, noise {:.3} %",
+        settings.name(),
+        100.0 * test.relative_noise
+    );
+    assert!(test.passes(), "{settings:?}: {mean} for {expected}: {test:?}");
+    assert!(test.relative_noise < 0.01, "the test has power: {test:?}");
+}
+
+fn path(max_depth: Option<u32>) -> IntegratorSettings {
+    IntegratorSettings::Path(PathSettings { samples: 64, max_depth })
+}
+
+fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
+    let sigma1 = Some(sigma1);
+    IntegratorSettings::Pppm(PppmSettings {
+        photons: 20_000,
+        samples: 4,
+        sigma1,
+        max_depth,
+        ..Default::default()
+    })
+}
+
+fn pcf(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
+    IntegratorSettings::Pcf(PcfSettings {
+        photons: 20_000,
+        samples: 4,
+        sigma1: Some(sigma1),
+        theta1: 10.0,
+        lookup_vertex: LookupVertex::Fixed(1),
+        max_depth,
+        ..Default::default()
+    })
+}
+
+/// Inside a sphere that emits `Le` and reflects the share `rho`, radiance is `Le / (1 - rho)` everywhere: here 1 / (1 - 0.5).
+/// The disc of radius sigma holds the cap of a sphere of radius 1 whose area differs by a share below sigma^2.
+#[test]
+fn uniform_sphere() {
+    let shapes = r#"<shape type="sphere">
+        <boolean name="flip_normals" value="true"/>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
+        <emitter type="area"><rgb name="radiance" value="1"/></emitter>
+    </shape>"#;
+    let scene = load(shapes, 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
+    check(&scene, &path(None), 64, 2.0, 0.0);
+    check(&scene, &pppm(0.1, None), 64, 2.0, 0.01);
+    check(&scene, &pcf(0.1, None), 64, 2.0, 0.01);
+}
+
+/// Under the middle of a disc of radius `R` at height `h` irradiance is `pi Le R^2 / (R^2 + h^2)`, so a diffuse floor shows
+/// `rho Le R^2 / (R^2 + h^2)`: here 0.6 * 3 * 0.25 / (0.25 + 1). Within 0.05 of the middle it changes by less than 1 %.
+#[test]
+fn floor_under_a_disc() {
+    let shapes = r#"<shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="-90"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>
+    </shape>
+    <shape type="disk">
+        <transform name="to_world">
+            <scale value="0.5"/><rotate x="1" angle="90"/><translate y="1"/>
+        </transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+        <emitter type="area"><rgb name="radiance" value="3"/></emitter>
+    </shape>"#;
+    let scene = load(shapes, 0.2, "0, 0.9, 3", "0, 0, 0");
+    let expected = 0.6 * 3.0 * 0.25 / 1.25;
+    check(&scene, &path(Some(2)), 64, expected, 0.0);
+    check(&scene, &pppm(0.05, Some(2)), 64, expected, 0.0);
+    check(&scene, &pcf(0.05, Some(2)), 64, expected, 0.01);
+}
