@@ -63,10 +63,10 @@ fn wall_records(count: u64) -> Vec<Vec<Record>> {
     let record = |i: u64| {
         let mut random = PathRandom::new(3, 1, Stream::Light, i);
         let (axis, side) = (
-            (random.next() * 3.0) as usize,
-            if random.next() < 0.5 { 0.0 } else { 2.0 },
+            (random.next_1d() * 3.0) as usize,
+            if random.next_1d() < 0.5 { 0.0 } else { 2.0 },
         );
-        let mut position = [2.0 * random.next(), 2.0 * random.next(), 2.0 * random.next()];
+        let mut position = [2.0 * random.next_1d(), 2.0 * random.next_1d(), 2.0 * random.next_1d()];
         position[axis] = side;
         let mut direction = Vec3::ZERO;
         direction[axis] = 1.0 - side;

@@ -148,7 +148,7 @@ impl Setup {
                 .to_world(square_to_cosine_hemisphere(random.next_2d()))
                 .normalize();
             incoherent.push(point.ray_towards(direction));
-            let light = Vec3::new(random.next() - 0.5, random.next() - 0.5, 1.99) - point.position;
+            let light = Vec3::new(random.next_1d() - 0.5, random.next_1d() - 0.5, 1.99) - point.position;
             shadow.push(point.shadow_ray(light.normalize(), light.length()));
         }
         Self {

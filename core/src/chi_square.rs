@@ -345,7 +345,7 @@ mod tests {
         let outcome = chi_square_directions(
             100_000,
             1,
-            |random| (random.next() < 0.25).then(|| warp::square_to_sphere(random.next_2d())),
+            |random| (random.next_1d() < 0.25).then(|| warp::square_to_sphere(random.next_2d())),
             |_| (0.25 / (4.0 * PI)) as f32,
         );
         assert!(outcome.passes(1), "{outcome:?}");

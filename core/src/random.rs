@@ -48,7 +48,7 @@ impl PathRandom {
 
     /// The next number, uniform on [0, 1): 24 random bits.
     #[must_use]
-    pub fn next(&mut self) -> f32 {
+    pub fn next_1d(&mut self) -> f32 {
         (self.next_bits() >> 40) as f32 * (1.0 / (1u64 << 24) as f32)
     }
 

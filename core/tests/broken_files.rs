@@ -148,7 +148,7 @@ fn the_valid_files_load() {
 /// Truncations, changed bytes and doubled pieces; every fourth time several at once.
 fn damage(bytes: &[u8], random: &mut PathRandom) -> Vec<u8> {
     let mut damaged = bytes.to_vec();
-    let below = |random: &mut PathRandom, limit: usize| ((random.next() * limit as f32) as usize).min(limit - 1);
+    let below = |random: &mut PathRandom, limit: usize| ((random.next_1d() * limit as f32) as usize).min(limit - 1);
     let rounds = [1, 1, 1, 4][below(random, 4)];
     for _ in 0..rounds {
         let at = below(random, damaged.len());

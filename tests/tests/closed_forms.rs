@@ -64,9 +64,9 @@ fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
     })
 }
 
-fn pcf(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
+fn pcf(sigma1: f32, photons: u32, max_depth: Option<u32>) -> IntegratorSettings {
     IntegratorSettings::Pcf(PcfSettings {
-        photons: 20_000,
+        photons,
         samples: 4,
         sigma1: Some(sigma1),
         theta1: 10.0,
@@ -88,7 +88,7 @@ fn uniform_sphere() {
     let scene = load(shapes, 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
     check(&scene, &path(None), 64, 2.0, 0.0);
     check(&scene, &pppm(0.1, None), 64, 2.0, 0.01);
-    check(&scene, &pcf(0.1, None), 64, 2.0, 0.01);
+    check(&scene, &pcf(0.1, 20_000, None), 64, 2.0, 0.01);
 }
 
 /// Under the middle of a disc of radius `R` at height `h` irradiance is `pi Le R^2 / (R^2 + h^2)`, so a diffuse floor shows
@@ -110,5 +110,5 @@ fn floor_under_a_disc() {
     let expected = 0.6 * 3.0 * 0.25 / 1.25;
     check(&scene, &path(Some(2)), 64, expected, 0.0);
     check(&scene, &pppm(0.05, Some(2)), 64, expected, 0.0);
-    check(&scene, &pcf(0.05, Some(2)), 64, expected, 0.01);
+    check(&scene, &pcf(0.05, 400_000, Some(2)), 64, expected, 0.01);
 }

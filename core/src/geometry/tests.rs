@@ -20,7 +20,7 @@ fn torus(rings: u32) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for i in 0..rings {
         for j in 0..rings {
-            let bump = 1.0 + 0.05 * random(u64::from(i * rings + j)).next();
+            let bump = 1.0 + 0.05 * random(u64::from(i * rings + j)).next_1d();
             let (sin_u, cos_u) = sin_cos(std::f32::consts::TAU * i as f32 / rings as f32);
             let (sin_v, cos_v) = sin_cos(std::f32::consts::TAU * j as f32 / rings as f32);
             let radius = 1.0 + 0.4 * bump * cos_v;
@@ -91,7 +91,7 @@ fn the_nearest_hit_is_that_of_an_exhaustive_search() {
     let mut hits = 0;
     for path in 0..20_000 {
         let mut random = random(path);
-        let origin = warp::square_to_sphere(random.next_2d()) * 2.0 * random.next();
+        let origin = warp::square_to_sphere(random.next_2d()) * 2.0 * random.next_1d();
         let ray = ray(origin, warp::square_to_sphere(random.next_2d()));
         let expected = brute_force(&mesh, &ray);
         let found = geometry.intersect(&ray);
@@ -117,20 +117,20 @@ fn no_ray_leaks_out_of_a_closed_mesh() {
     let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone())]);
     for path in 0..1_000_000 {
         let mut random = random(path);
-        let (sin_u, cos_u) = sin_cos(std::f32::consts::TAU * random.next());
-        let inside = Vec3::new(cos_u, sin_u, 0.0) + 0.3 * random.next() * warp::square_to_sphere(random.next_2d());
+        let (sin_u, cos_u) = sin_cos(std::f32::consts::TAU * random.next_1d());
+        let inside = Vec3::new(cos_u, sin_u, 0.0) + 0.3 * random.next_1d() * warp::square_to_sphere(random.next_2d());
         let direction = match path % 3 {
             0 => warp::square_to_sphere(random.next_2d()),
             aim => {
                 let corner = |random: &mut PathRandom| {
-                    let triangle = mesh.triangles[(random.next() * mesh.triangles.len() as f32) as usize];
+                    let triangle = mesh.triangles[(random.next_1d() * mesh.triangles.len() as f32) as usize];
                     [
                         mesh.positions[triangle[0] as usize],
                         mesh.positions[triangle[1] as usize],
                     ]
                 };
                 let [a, b] = corner(&mut random);
-                (if aim == 1 { a } else { a.lerp(b, random.next()) } - inside).normalize()
+                (if aim == 1 { a } else { a.lerp(b, random.next_1d()) } - inside).normalize()
             }
         };
         assert!(geometry.occluded(&ray(inside, direction)), "{inside} {direction}");
@@ -227,7 +227,7 @@ fn rays_leave_a_plane_that_is_all_but_aligned_with_the_axes() {
     let geometry = Geometry::build(vec![Shape::Mesh(mesh)]);
     for i in 0..20_000 {
         let mut random = random(i);
-        let target = Vec3::new(3.0 * random.next() - 1.5, 0.0, 3.0 * random.next() - 1.5);
+        let target = Vec3::new(3.0 * random.next_1d() - 1.5, 0.0, 3.0 * random.next_1d() - 1.5);
         let from = Vec3::new(0.3, 2.0, -0.4);
         let point = geometry
             .intersect(&ray(from, (target - from).normalize()))

@@ -84,7 +84,7 @@ pub(super) fn radiance<'a>(
         });
         if edges >= ROULETTE_EDGES {
             let survival = (throughput.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
-            if random.next() >= survival {
+            if random.next_1d() >= survival {
                 break;
             }
             throughput *= 1.0 / survival;
@@ -131,7 +131,7 @@ fn area_pdf(tracer: &Tracer, light: LightId, from: Vec3, hit: &SurfacePoint) -> 
 
 /// Direct light at a vertex by one connection with a light.
 fn next_event(tracer: &mut Tracer, vertex: &Vertex, random: &mut PathRandom) -> Spectrum {
-    let (choice, u) = (random.next(), random.next_2d());
+    let (choice, u) = (random.next_1d(), random.next_2d());
     let scene = tracer.scene;
     let Some(light) = scene
         .lights

@@ -72,7 +72,7 @@ impl LightPaths {
         mut arrive: impl FnMut(&Arrival<'a, '_>, &mut PathRandom),
     ) {
         let scene = tracer.scene;
-        let (choice, u_position, u_direction) = (random.next(), random.next_2d(), random.next_2d());
+        let (choice, u_position, u_direction) = (random.next_1d(), random.next_2d(), random.next_2d());
         let Some(start) = scene
             .lights
             .sample_emission(&scene.geometry, choice, u_position, u_direction)
@@ -100,7 +100,7 @@ impl LightPaths {
             let next = flux * vertex.continuation_weight(&scattered);
             let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };
             let survival = (next.max_component() / flux.max_component()).min(highest);
-            if survival.is_nan() || random.next() >= survival {
+            if survival.is_nan() || random.next_1d() >= survival {
                 return;
             }
             flux = next * (1.0 / survival);

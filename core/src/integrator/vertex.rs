@@ -58,7 +58,7 @@ impl<'a> Vertex<'a> {
 
     /// Samples a direction; three dimensions.
     pub(super) fn sample(&self, random: &mut PathRandom) -> Option<Scattered> {
-        let lobe = random.next();
+        let lobe = random.next_1d();
         let bsdf = self
             .material
             .sample(self.point.uv, self.wo_local, lobe, random.next_2d(), self.mode)?;

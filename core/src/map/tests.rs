@@ -6,8 +6,8 @@ fn records(count: u64, extent: f32) -> Vec<Record> {
     (0..count)
         .map(|i| {
             let mut random = PathRandom::new(7, 1, Stream::Light, i);
-            let position =
-                Vec3::new(random.next(), random.next(), 0.1 * random.next()) * extent - Vec3::splat(extent / 2.0);
+            let position = Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * extent
+                - Vec3::splat(extent / 2.0);
             let direction = square_to_sphere(random.next_2d());
             Record {
                 position,
@@ -34,7 +34,7 @@ fn a_query_finds_each_record_within_the_radius_once_and_no_other() {
     let mut hits = 0;
     for i in 0..500 {
         let mut random = PathRandom::new(8, 1, Stream::Camera, i);
-        let center = Vec3::new(random.next(), random.next(), 0.1 * random.next()) * 10.0 - Vec3::splat(5.0);
+        let center = Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * 10.0 - Vec3::splat(5.0);
         let mut got = found(&map, center);
         got.sort_unstable();
         let expected: Vec<u32> = all

@@ -2,7 +2,7 @@ use super::*;
 use crate::chi_square::{assert_directions, integrate_sphere};
 
 fn draw(lights: &Lights, geometry: &Geometry, from: Vec3, random: &mut PathRandom) -> Option<LightSample> {
-    lights.sample_direct(geometry, from, random.next(), random.next_2d())
+    lights.sample_direct(geometry, from, random.next_1d(), random.next_2d())
 }
 
 /// The density that path tracing would compute for the direction it happens to follow.

@@ -4,7 +4,7 @@ use crate::chi_square::{Domain, assert_directions, chi_square};
 use crate::math::{FRAC_1_PI, cos};
 
 fn draw(lights: &Lights, geometry: &Geometry, random: &mut PathRandom) -> Option<EmissionSample> {
-    lights.sample_emission(geometry, random.next(), random.next_2d(), random.next_2d())
+    lights.sample_emission(geometry, random.next_1d(), random.next_2d(), random.next_2d())
 }
 
 fn check_directions(label: &str, shapes: Vec<Shape>, light: Light, density: impl Fn(&Lights, Vec3) -> f32) {

@@ -5,25 +5,25 @@ use crate::math::{ONE_MINUS_EPSILON, sin_cos};
 
 /// A unit direction whose cosine with the normal is often tiny: powers of ten down to 1e-12, either side.
 fn direction(random: &mut PathRandom) -> Vec3 {
-    let exponent = 12.0 * random.next();
-    let size = if random.next() < 0.5 {
-        random.next()
+    let exponent = 12.0 * random.next_1d();
+    let size = if random.next_1d() < 0.5 {
+        random.next_1d()
     } else {
         crate::math::pow(10.0, -exponent)
     };
-    let z = if random.next() < 0.5 { -size } else { size };
-    let (sin_phi, cos_phi) = sin_cos(crate::math::TAU * random.next());
+    let z = if random.next_1d() < 0.5 { -size } else { size };
+    let (sin_phi, cos_phi) = sin_cos(crate::math::TAU * random.next_1d());
     let r = (1.0 - z * z).max(0.0).sqrt();
     Vec3::new(r * cos_phi, r * sin_phi, z)
 }
 
 /// Mostly ordinary random numbers, now and then the ends of the unit interval.
 fn unit(random: &mut PathRandom) -> f32 {
-    let u = random.next();
+    let u = random.next_1d();
     match (u * 40.0) as u32 {
         0 => 0.0,
         1 => ONE_MINUS_EPSILON,
-        _ => random.next(),
+        _ => random.next_1d(),
     }
 }
 
