@@ -153,14 +153,15 @@ fn cell(position: Vec3, cells_per_unit: f32) -> [i32; 3] {
         .map(|c| (c as i32).clamp(i32::MIN + 1, i32::MAX - 1))
 }
 
-/// Bucket of a cell; `mask` is the number of buckets, a power of two, less one.
+/// Bucket of a cell; `mask` is the number of buckets, a power of two, less one. Cells that are neighbours along x have
+/// neighbouring buckets, so that a query finds both in one place of memory.
 fn bucket_of(cell: [i32; 3], mask: u32) -> u32 {
     let [x, y, z] = cell.map(|c| c as u32);
-    let mut h = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d);
-    h ^= h >> 15;
-    h = h.wrapping_mul(0x2c1b_3c6d);
-    h ^= h >> 13;
-    h & mask
+    let mut row = y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d);
+    row ^= row >> 15;
+    row = row.wrapping_mul(0x2c1b_3c6d);
+    row ^= row >> 13;
+    row.wrapping_add(x) & mask
 }
 
 #[cfg(test)]
