@@ -14,7 +14,7 @@ use std::time::Instant;
 const ITERATIONS: u32 = 64;
 
 /// Pairs of measurements.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 3;
 
 fn main() {
     let path = std::env::args().nth(1).filter(|a| !a.starts_with('-'));
