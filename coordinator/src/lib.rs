@@ -56,7 +56,9 @@ impl Config {
 #[derive(Debug, Error)]
 pub enum StartError {
     /// An address that other machines can reach, without leave.
-    #[error("{0} can be reached from other machines, and there are no accounts yet: listen on 127.0.0.1, or allow it")]
+    #[error(
+        "{0} can be reached from other machines, and there are no accounts yet: listen on 127.0.0.1, or allow it with --insecure-listen"
+    )]
     NotLoopback(SocketAddr),
     /// The network failed.
     #[error("the listener failed: {0}")]
