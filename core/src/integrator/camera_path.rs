@@ -1,6 +1,6 @@
 //! Paths from the camera, shared by the integrators: emission, next-event estimation and Russian roulette.
 
-use super::vertex::{Scattered, Tracer, Vertex};
+use super::vertex::{Tracer, Vertex};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::LightId;
 use crate::material::TransportMode;
@@ -89,13 +89,9 @@ pub(super) fn radiance<'a>(
             }
             throughput *= 1.0 / survival;
         }
-        ray = leave(&point, &scattered);
+        ray = point.ray_towards(scattered.wi);
     }
     total
-}
-
-fn leave(point: &SurfacePoint, scattered: &Scattered) -> Ray {
-    point.ray_towards(scattered.wi)
 }
 
 /// Light emitted towards the ray's origin by what the ray found.
