@@ -76,11 +76,30 @@ impl IntegratorSettings {
                     "samplers",
                     names,
                     !s.samplers.is_empty() && distinct,
-                    "one or more of bsdf, camera, each once",
+                    "one or more of bsdf, camera, importon, each once",
+                )?;
+                check(
+                    "mis_beta",
+                    s.mis_beta,
+                    (1.0..=16.0).contains(&s.mis_beta),
+                    "a number from 1 to 16",
+                )?;
+                let shares = format!("{:?}", s.sigma_by_length);
+                let valid = s.sigma_by_length.len() <= 64 && s.sigma_by_length.iter().all(|&share| is_share(share));
+                check("sigma_by_length", shares, valid, "up to 64 numbers above 0, up to 1")?;
+                check(
+                    "theta_glossy",
+                    s.theta_glossy,
+                    is_share(s.theta_glossy),
+                    "a number above 0, up to 1",
                 )
             }
         }
     }
+}
+
+fn is_share(value: f32) -> bool {
+    value > 0.0 && value <= 1.0
 }
 
 fn check_common(samples: u32, max_depth: Option<u32>) -> Result<(), SettingError> {
@@ -192,8 +211,23 @@ pub struct PcfSettings {
     pub theta1: f32,
     /// Camera vertex at which the cone map is read.
     pub lookup_vertex: LookupVertex,
-    /// Techniques that choose a cone's direction, combined by the power heuristic.
+    /// Techniques that choose a cone's direction, combined by the power heuristic. Cones of delta materials are sampled from
+    /// the material whatever this says: nothing else can.
     pub samplers: Vec<DirectionSampler>,
+    /// Exponent of the power heuristic (thesis, equation 4.4).
+    pub mis_beta: f32,
+    /// Whether light that paths carry to a vertex before the lookup vertex is estimated by cones too, in place of next-event
+    /// estimation and of emission found by scattering (thesis, section 3.6): no light, sensor or material is singular then.
+    pub nested: bool,
+    /// How a cone's weight falls with its distance from the query.
+    pub kernel: KernelShape,
+    /// Share of the spatial bandwidth within which cones of light paths with 1, 2, ... edges count, the last share for all
+    /// longer ones (thesis, section 4.4: an initial bandwidth for each path length). Empty: the whole.
+    pub sigma_by_length: Vec<f32>,
+    /// Share of the angular bandwidth on delta and glossy surfaces (thesis, section 4.4).
+    pub theta_glossy: f32,
+    /// Whether a cone must lie in the query's tangent plane and on its side of the surface, about, to count.
+    pub surface_test: bool,
     /// Most edges of a light path, camera to light; `None`: no limit.
     pub max_depth: Option<u32>,
 }
@@ -209,6 +243,12 @@ impl Default for PcfSettings {
             theta1: 18.0,
             lookup_vertex: LookupVertex::Auto,
             samplers: vec![DirectionSampler::Bsdf, DirectionSampler::Camera],
+            mis_beta: 2.0,
+            nested: false,
+            kernel: KernelShape::Box,
+            sigma_by_length: Vec::new(),
+            theta_glossy: 1.0,
+            surface_test: false,
             max_depth: None,
         }
     }
@@ -232,6 +272,18 @@ pub enum DirectionSampler {
     Bsdf,
     /// Sample a lobe about the direction to the camera.
     Camera,
+    /// Sample the directions in which camera paths near by need radiance.
+    Importon,
+}
+
+/// A kernel's shape, in position and direction alike (thesis, sections 3.1 and 3.7.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum KernelShape {
+    /// Constant.
+    Box,
+    /// Falling with the square of the distance to zero at the rim.
+    Epanechnikov,
 }
 
 impl TryFrom<serde_json::Value> for LookupVertex {

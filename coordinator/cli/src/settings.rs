@@ -85,29 +85,34 @@ fn override_settings(base: &IntegratorSettings, set: &BTreeMap<String, String>) 
     Ok(serde_json::from_value(json)?)
 }
 
-/// The JSON value of a setting: a number where it reads as one, a list for `samplers`, nothing for the absence of a
-/// limit or an automatic bandwidth.
+/// The JSON value of a setting: a list for a list, nothing for the absence of a limit or an automatic bandwidth.
 fn value(name: &str, text: &str) -> Value {
     match (name, text) {
-        ("samplers", _) => text.split(',').map(str::trim).collect(),
-        ("max_depth", "-1" | "none") | ("sigma1", "auto") => Value::Null,
-        _ => {
-            let integer = text.parse::<u64>().ok().map(Value::from);
-            let number = || {
-                text.parse::<f64>()
-                    .ok()
-                    .and_then(serde_json::Number::from_f64)
-                    .map(Value::Number)
-            };
-            integer.or_else(number).unwrap_or_else(|| Value::from(text))
+        ("samplers" | "sigma_by_length", _) => {
+            let items = text.split(',').map(str::trim).filter(|item| !item.is_empty());
+            items.map(scalar).collect()
         }
+        ("max_depth", "-1" | "none") | ("sigma1", "auto") => Value::Null,
+        _ => scalar(text),
     }
+}
+
+/// A number or a truth value where the text reads as one.
+fn scalar(text: &str) -> Value {
+    if let Ok(integer) = text.parse::<u64>() {
+        return Value::from(integer);
+    }
+    if let Ok(truth) = text.parse::<bool>() {
+        return Value::from(truth);
+    }
+    let number = text.parse::<f64>().ok().and_then(serde_json::Number::from_f64);
+    number.map_or_else(|| Value::from(text), Value::Number)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_core::settings::{DirectionSampler, LookupVertex};
+    use photonfarm_core::settings::{DirectionSampler, KernelShape, LookupVertex};
 
     fn set(pairs: &[(&str, &str)]) -> BTreeMap<String, String> {
         pairs.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect()
@@ -165,7 +170,13 @@ mod tests {
             ("sigma1", "0.25"),
             ("theta1", "10.5"),
             ("lookup_vertex", "2"),
-            ("samplers", "bsdf, camera"),
+            ("samplers", "bsdf, camera, importon"),
+            ("mis_beta", "1.5"),
+            ("nested", "true"),
+            ("kernel", "epanechnikov"),
+            ("sigma_by_length", "0.5,1"),
+            ("theta_glossy", "0.25"),
+            ("surface_test", "true"),
             ("max_depth", "7"),
         ];
         let expected = PcfSettings {
@@ -176,7 +187,17 @@ mod tests {
             sigma1: Some(0.25),
             theta1: 10.5,
             lookup_vertex: LookupVertex::Fixed(2),
-            samplers: vec![DirectionSampler::Bsdf, DirectionSampler::Camera],
+            samplers: vec![
+                DirectionSampler::Bsdf,
+                DirectionSampler::Camera,
+                DirectionSampler::Importon,
+            ],
+            mis_beta: 1.5,
+            nested: true,
+            kernel: KernelShape::Epanechnikov,
+            sigma_by_length: vec![0.5, 1.0],
+            theta_glossy: 0.25,
+            surface_test: true,
             max_depth: Some(7),
         };
         assert_eq!(
@@ -205,6 +226,9 @@ mod tests {
             ("samples", "-3"),
             ("samples", "1.5"),
             ("samplers", "bsdf,moon"),
+            ("kernel", "sinc"),
+            ("nested", "1"),
+            ("sigma_by_length", "1,wide"),
         ] {
             let message = refused(IntegratorName::Pcf, pair);
             assert!(message.contains(&format!("--set {}={}", pair.0, pair.1)), "{message}");
@@ -215,6 +239,9 @@ mod tests {
             ("theta1", "-4"),
             ("alpha", "NaN"),
             ("lookup_vertex", "0"),
+            ("mis_beta", "0.5"),
+            ("sigma_by_length", "0.5,2"),
+            ("theta_glossy", "0"),
         ] {
             let message = refused(IntegratorName::Pcf, pair);
             assert!(message.contains(pair.0), "{message}");

@@ -89,7 +89,8 @@ fn setting(value: &Value) -> Option<Entry> {
             None => Entry::Float(number.as_f64().unwrap_or(f64::NAN) as f32),
         }),
         Value::Array(items) => {
-            let items: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
+            let text = |item: &Value| item.as_str().map_or_else(|| item.to_string(), str::to_owned);
+            let items: Vec<String> = items.iter().map(text).collect();
             Some(Entry::Text(items.join(",")))
         }
         other => Some(Entry::Text(other.to_string())),

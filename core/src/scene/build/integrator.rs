@@ -59,6 +59,12 @@ pub(super) fn build(
                 "theta1",
                 "lookup_vertex",
                 "samplers",
+                "mis_beta",
+                "nested",
+                "kernel",
+                "sigma_by_length",
+                "theta_glossy",
+                "surface_test",
             ];
             let settings: PcfSettings = settings(&reader, &names)?;
             Some(IntegratorSettings::Pcf(PcfSettings { max_depth, ..settings }))
@@ -112,12 +118,11 @@ fn settings<S: DeserializeOwned>(reader: &Reader, names: &[&str]) -> Result<S, S
         let json = match (&property.value, *name) {
             (Value::Integer(value), _) => Json::from(*value),
             (Value::Float(value), _) => Json::from(*value),
-            (Value::String(text), "samplers") => {
-                let words = text
-                    .split(|c: char| c == ',' || c.is_whitespace())
-                    .filter(|word| !word.is_empty());
-                words.map(Json::from).collect()
-            }
+            (Value::Boolean(value), _) => Json::from(*value),
+            (Value::String(text), "samplers") => words(text).map(Json::from).collect(),
+            (Value::String(text), "sigma_by_length") => words(text)
+                .map(|word| word.parse::<f64>().map_or_else(|_| Json::from(word), Json::from))
+                .collect(),
             (Value::String(text), _) => Json::from(text.as_str()),
             (other, _) => return Err(reader.wrong(name, format!("a {} is no setting", other.type_name()))),
         };
@@ -126,4 +131,9 @@ fn settings<S: DeserializeOwned>(reader: &Reader, names: &[&str]) -> Result<S, S
         given.insert((*name).to_owned(), json);
     }
     serde_json::from_value(Json::Object(given)).map_err(|error| reader.wrong("type", error.to_string()))
+}
+
+fn words(list: &str) -> impl Iterator<Item = &str> {
+    list.split(|c: char| c == ',' || c.is_whitespace())
+        .filter(|word| !word.is_empty())
 }
