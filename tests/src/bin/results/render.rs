@@ -1,0 +1,68 @@
+//! Renders iterations, many at a time, and keeps what is asked of each.
+
+use anyhow::{Result, anyhow};
+use indicatif::{ProgressBar, ProgressStyle};
+use photonfarm_core::integrator::{Iteration, Unobserved, render_iteration};
+use photonfarm_core::scene::{Limits, Scene};
+use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_core::spectrum::Spectrum;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// A scene from its XML text; it has no other files.
+pub(crate) fn scene_of(xml: &str) -> Result<Scene> {
+    let files = BTreeMap::from([("scene.xml".to_owned(), xml.as_bytes().to_vec())]);
+    Scene::load(&files, "scene.xml", &BTreeMap::new(), &Limits::default())
+        .map_err(|e| anyhow!("{e}\nin the scene\n{xml}"))
+}
+
+/// A bar that counts to `length` under the heading `name`.
+pub(crate) fn progress(name: &str, length: u64) -> ProgressBar {
+    let style = "{msg:24} {wide_bar} {pos}/{len} {elapsed}";
+    ProgressBar::new(length)
+        .with_message(name.to_owned())
+        .with_style(ProgressStyle::with_template(style).expect("a valid template"))
+}
+
+/// Renders each `(seed, iteration)` of `jobs` on the current rayon pool and returns `keep` of each, in order.
+pub(crate) fn each<T: Send>(
+    scene: &Scene,
+    settings: &IntegratorSettings,
+    jobs: &[(u64, u32)],
+    bar: &ProgressBar,
+    keep: impl Fn(Iteration) -> T + Sync,
+) -> Result<Vec<T>> {
+    jobs.par_iter()
+        .map(|&(seed, iteration)| {
+            let image = render_iteration(scene, settings, seed, iteration, &Unobserved)?;
+            bar.inc(1);
+            Ok(keep(image))
+        })
+        .collect()
+}
+
+/// The average of iterations `1..=iterations` under one seed: radiance of each pixel, row by row from the top left.
+pub(crate) fn average(
+    scene: &Scene,
+    settings: &IntegratorSettings,
+    seed: u64,
+    iterations: u32,
+) -> Result<Vec<Spectrum>> {
+    let [width, height] = scene.film.resolution;
+    let mut sum = vec![[0.0_f64; 3]; width as usize * height as usize];
+    for iteration in 1..=iterations {
+        let image = render_iteration(scene, settings, seed, iteration, &Unobserved)?;
+        for (sum, pixel) in sum.iter_mut().zip(image.pixels) {
+            for (sum, value) in sum.iter_mut().zip(pixel.to_rgb()) {
+                *sum += f64::from(value);
+            }
+        }
+    }
+    let mean = |c: f64| (c / f64::from(iterations)) as f32;
+    Ok(sum.into_iter().map(|rgb| Spectrum::from_rgb(rgb.map(mean))).collect())
+}
+
+/// Mean luminance of an image.
+pub(crate) fn mean_luminance(pixels: &[Spectrum]) -> f64 {
+    pixels.iter().map(|p| f64::from(p.luminance())).sum::<f64>() / pixels.len() as f64
+}
