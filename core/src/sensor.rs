@@ -1,23 +1,35 @@
 //! Cameras.
 use crate::geometry::Ray;
 use crate::math::warp::square_to_disk;
-use crate::math::{Transform, Vec2, Vec3, tan};
+use crate::math::{PI, Transform, Vec2, Vec3, atan2, sqr, tan};
 
 /// A camera, as validated data. It looks along its local +z with +x to the left of the image (Mitsuba's convention).
 #[derive(Clone, Debug)]
 pub struct Sensor {
-    /// Camera to world; rotation, translation and uniform scale.
+    /// Camera to world: rotation, translation and mirroring; any affine map for an orthographic camera.
     pub to_world: Transform,
-    /// Horizontal field of view [radians]: `fov_axis` has been resolved.
-    pub fov_x: f32,
-    /// Principal point offset, in fractions of the image size.
-    pub principal_point: Vec2,
+    /// How points of the image become rays.
+    pub projection: Projection,
     /// Image size [pixels].
     pub resolution: [u32; 2],
-    /// Near and far clip distances along the optical axis [scene units of the world].
+    /// Near and far clip distances along the optical axis [scene units].
     pub clip: [f32; 2],
-    /// Thin lens, or none for a pinhole.
-    pub lens: Option<Lens>,
+}
+
+/// How points of the image become rays.
+#[derive(Clone, Copy, Debug)]
+pub enum Projection {
+    /// Rays through one point, or through a lens.
+    Perspective {
+        /// Horizontal field of view [radians]: `fov_axis` has been resolved.
+        fov_x: f32,
+        /// Principal point offset, in fractions of the image size.
+        principal_point: Vec2,
+        /// Thin lens, or none for a pinhole.
+        lens: Option<Lens>,
+    },
+    /// Parallel rays. The image spans [-1, 1] in local x and the same scale in local y; `to_world` gives its size.
+    Orthographic,
 }
 
 /// A thin lens.
@@ -29,21 +41,48 @@ pub struct Lens {
     pub focus_distance: f32,
 }
 
+/// The way from a surface point to the camera.
+#[derive(Clone, Copy, Debug)]
+pub struct Towards {
+    /// Unit direction to the pinhole or the centre of the lens; against the rays of an orthographic camera.
+    pub direction: Vec3,
+    /// Bound on the angle between `direction` and the directions to points of the lens [radians]; 0 without a lens, pi inside
+    /// the sphere around it.
+    pub lens_angle: f32,
+}
+
 impl Sensor {
     /// The ray of weight one through image position `pixel` [pixels, from the top left corner]; `u` chooses the point on the lens.
     ///
-    /// It starts on the plane `clip[0]` before the lens and ends on the plane `clip[1]`.
+    /// It starts on the plane `clip[0]` before the lens and ends on the plane `clip[1]`. As in Mitsuba, the start of an
+    /// orthographic ray scales with `to_world` along the axis while its length, `clip[1] - clip[0]`, does not.
     #[must_use]
     pub fn ray(&self, pixel: Vec2, u: Vec2) -> Ray {
         let [width, height] = self.resolution.map(|n| n as f32);
-        let at = pixel / Vec2::new(width, height) + self.principal_point;
-        let slope = tan(0.5 * self.fov_x);
-        let through = Vec3::new(
-            slope * (1.0 - 2.0 * at.x),
-            slope * (1.0 - 2.0 * at.y) * height / width,
-            1.0,
-        );
-        let (start, direction) = match self.lens {
+        let at = pixel / Vec2::new(width, height);
+        match self.projection {
+            Projection::Perspective {
+                fov_x,
+                principal_point,
+                lens,
+            } => {
+                let at = on_image_plane(at + principal_point, height / width);
+                self.perspective_ray((tan(0.5 * fov_x) * at).extend(1.0), lens, u)
+            }
+            Projection::Orthographic => {
+                let start = on_image_plane(at, height / width).extend(self.clip[0]);
+                Ray {
+                    origin: self.to_world.point(start),
+                    direction: self.to_world.vector(Vec3::Z).normalize(),
+                    max_distance: self.clip[1] - self.clip[0],
+                }
+            }
+        }
+    }
+
+    /// The ray through the point `through` of the plane at distance one, in focus or not.
+    fn perspective_ray(&self, through: Vec3, lens: Option<Lens>, u: Vec2) -> Ray {
+        let (start, direction) = match lens {
             None => (Vec3::ZERO, through.normalize()),
             Some(Lens { radius, focus_distance }) => {
                 let start = (radius * square_to_disk(u)).extend(0.0);
@@ -58,16 +97,51 @@ impl Sensor {
             max_distance: far - near,
         }
     }
-    /// Centre of the lens, or the pinhole, in the world.
+
+    /// The way from a surface point to the camera; `None` at the camera's own position.
     #[must_use]
-    pub fn position(&self) -> Vec3 {
-        self.to_world.point(Vec3::ZERO)
+    pub fn direction_from(&self, position: Vec3) -> Option<Towards> {
+        let lens = match self.projection {
+            Projection::Perspective { lens, .. } => lens,
+            Projection::Orthographic => {
+                return Some(Towards {
+                    direction: -self.to_world.vector(Vec3::Z).normalize(),
+                    lens_angle: 0.0,
+                });
+            }
+        };
+        let way = self.to_world.point(Vec3::ZERO) - position;
+        let lens_angle = lens.map_or(0.0, |Lens { radius, .. }| {
+            let tangent2 = way.length_squared() - sqr(radius);
+            if tangent2 > 0.0 {
+                atan2(radius, tangent2.sqrt())
+            } else {
+                PI
+            }
+        });
+        Some(Towards {
+            direction: way.try_normalize()?,
+            lens_angle,
+        })
     }
-    /// Side of a pixel's footprint on a surface facing the camera at `distance` [scene units].
+
+    /// Side of a square as large as a pixel's footprint on a surface facing the camera at `distance` [scene units].
     #[must_use]
     pub fn pixel_footprint(&self, distance: f32) -> f32 {
-        2.0 * distance * tan(0.5 * self.fov_x) / self.resolution[0] as f32
+        let width = self.resolution[0] as f32;
+        match self.projection {
+            Projection::Perspective { fov_x, .. } => 2.0 * distance * tan(0.5 * fov_x) / width,
+            Projection::Orthographic => {
+                let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| self.to_world.vector(axis));
+                2.0 * x.cross(y).dot(z.normalize()).abs().sqrt() / width
+            }
+        }
     }
+}
+
+/// Camera coordinates of an image position in fractions of the image, for a half width of one.
+fn on_image_plane(at: Vec2, aspect: f32) -> Vec2 {
+    Vec2::new(1.0 - 2.0 * at.x, (1.0 - 2.0 * at.y) * aspect)
 }
 
 #[cfg(test)]
@@ -86,11 +160,41 @@ mod tests {
         );
         Sensor {
             to_world: Transform::from_matrix(matrix).unwrap(),
-            fov_x: 50.0_f32.to_radians(),
-            principal_point: Vec2::new(0.1, -0.07),
+            projection: perspective(Vec2::new(0.1, -0.07), None),
             resolution: [64, 36],
             clip: [0.5, 80.0],
-            lens: None,
+        }
+    }
+
+    fn perspective(principal_point: Vec2, lens: Option<Lens>) -> Projection {
+        Projection::Perspective {
+            fov_x: 50.0_f32.to_radians(),
+            principal_point,
+            lens,
+        }
+    }
+
+    const LENS: Lens = Lens {
+        radius: 0.2,
+        focus_distance: 5.0,
+    };
+
+    /// `sensor` with its principal point in the centre and `lens`.
+    fn centred(lens: Option<Lens>) -> Sensor {
+        Sensor {
+            projection: perspective(Vec2::ZERO, lens),
+            ..sensor()
+        }
+    }
+
+    /// An orthographic camera like `sensor`, scaled.
+    fn orthographic(scale: [f64; 3], resolution: [u32; 2]) -> Sensor {
+        let scale = Transform::from_matrix(DMat4::from_scale(scale.into())).unwrap();
+        Sensor {
+            to_world: sensor().to_world.after(&scale),
+            projection: Projection::Orthographic,
+            resolution,
+            ..sensor()
         }
     }
 
@@ -130,19 +234,8 @@ mod tests {
     /// The lens point of Mitsuba's ray is taken from its origin; the rest is expected from Mitsuba as above.
     #[test]
     fn lens_rays_meet_in_the_plane_of_focus_and_cover_the_lens() {
-        let lens = Some(Lens {
-            radius: 0.2,
-            focus_distance: 5.0,
-        });
-        let sensor = Sensor {
-            principal_point: Vec2::ZERO,
-            lens,
-            ..sensor()
-        };
-        let pinhole = Sensor {
-            lens: None,
-            ..sensor.clone()
-        };
+        let (sensor, pinhole) = (centred(Some(LENS)), centred(None));
+        let centre = sensor.to_world.point(Vec3::ZERO);
         let axis = sensor.to_world.vector(Vec3::Z);
         let mut random = PathRandom::new(5, 1, Stream::Camera, 0);
         let (mut moments, samples) = (Vec2::ZERO, 10_000);
@@ -151,14 +244,14 @@ mod tests {
             let ray = sensor.ray(pixel, random.next_2d());
             let through = pinhole.ray(pixel, Vec2::ZERO);
             let in_focus = |r: &Ray| {
-                let depth = (r.origin - sensor.position()).dot(axis);
+                let depth = (r.origin - centre).dot(axis);
                 r.origin + r.direction * ((5.0 - depth) / r.direction.dot(axis))
             };
             assert!((in_focus(&ray) - in_focus(&through)).length() < 1e-5);
-            assert!(((ray.origin - sensor.position()).dot(axis) - 0.5).abs() < 1e-5);
-            let end = ray.origin + ray.direction * ray.max_distance - sensor.position();
+            assert!(((ray.origin - centre).dot(axis) - 0.5).abs() < 1e-5);
+            let end = ray.origin + ray.direction * ray.max_distance - centre;
             assert!((end.dot(axis) - 80.0).abs() < 1e-3);
-            let start = ray.origin - ray.direction * (0.5 / ray.direction.dot(axis)) - sensor.position();
+            let start = ray.origin - ray.direction * (0.5 / ray.direction.dot(axis)) - centre;
             let on_lens = Vec2::new(
                 start.dot(sensor.to_world.vector(Vec3::X)),
                 start.dot(sensor.to_world.vector(Vec3::Y)),
@@ -173,16 +266,7 @@ mod tests {
 
     #[test]
     fn a_lens_ray_is_that_of_mitsuba() {
-        let lens = Some(Lens {
-            radius: 0.2,
-            focus_distance: 5.0,
-        });
-        let sensor = Sensor {
-            principal_point: Vec2::ZERO,
-            lens,
-            ..sensor()
-        };
-        let ray = sensor.ray(Vec2::new(0.9 * 64.0, 0.8 * 36.0), Vec2::new(0.3, 0.7));
+        let ray = centred(Some(LENS)).ray(Vec2::new(0.9 * 64.0, 0.8 * 36.0), Vec2::new(0.3, 0.7));
         let direction = [0.161_866_4, -0.623_934_15, 0.764_529_65];
         assert_ray(&ray, [1.056_790_7, 1.710_570_2, 3.469_203_7], direction, 85.598_56);
     }
@@ -193,12 +277,8 @@ mod tests {
         use crate::chi_square::{Domain, chi_square};
         let sensor = Sensor {
             to_world: Transform::default(),
-            lens: Some(Lens {
-                radius: 2.0,
-                focus_distance: 5.0,
-            }),
             clip: [0.0, 10.0],
-            ..sensor()
+            ..centred(Some(Lens { radius: 2.0, ..LENS }))
         };
         let domain = Domain {
             lower: [0.0, -std::f64::consts::PI],
@@ -216,5 +296,74 @@ mod tests {
             |_| 1.0 / (8.0 * std::f64::consts::PI),
         );
         assert!(outcome.passes(1), "{outcome:?}");
+    }
+
+    /// Expected values as above. The second camera scales its axes unevenly: its rays start 3 * 0.5 before the plane of the
+    /// camera and are no longer for it.
+    #[test]
+    fn orthographic_rays_are_those_of_mitsuba() {
+        let axis = [0.514_495_8, -0.514_495_8, 0.685_994_4];
+        let camera = orthographic([2.5, 2.5, 1.0], [64, 36]);
+        let ray = |x: f32, y: f32| camera.ray(Vec2::new(x * 64.0, y * 36.0), Vec2::ZERO);
+        assert_ray(&ray(0.5, 0.5), [1.257_248_2, 1.742_752_3, 3.342_997], axis, 79.5);
+        assert_ray(&ray(0.1, 0.3), [3.036_278_2, 2.295_294_3, 2.423_131], axis, 79.5);
+        assert_ray(&ray(0.9, 0.8), [-0.599_265_46, 0.949_244_6, 4.140_252], axis, 79.5);
+        let camera = orthographic([2.5, 1.5, 3.0], [36, 64]);
+        let ray = |x: f32, y: f32| camera.ray(Vec2::new(x * 36.0, y * 64.0), Vec2::ZERO);
+        assert_ray(&ray(0.5, 0.5), [1.771_744, 1.228_256_6, 4.028_991_7], axis, 79.5);
+        assert_ray(&ray(0.1, 0.3), [3.689_670_6, 2.212_751_4, 3.328_917_5], axis, 79.5);
+        assert_ray(&ray(0.9, 0.8), [-0.293_114_3, -0.213_180_07, 4.496_558], axis, 79.5);
+    }
+
+    /// Every ray, followed back from a point on it, leaves along `direction_from` within the lens angle, and some come close to it.
+    #[test]
+    fn the_direction_to_the_camera_is_against_its_rays() {
+        for (camera, nearest) in [
+            (sensor(), 0.0),
+            (centred(Some(Lens { radius: 1.5, ..LENS })), 0.8),
+            (orthographic([2.5, 1.5, 3.0], [64, 36]), 0.0),
+        ] {
+            let mut random = PathRandom::new(6, 1, Stream::Camera, 0);
+            let mut largest = 0.0_f32;
+            for _ in 0..10_000 {
+                let ray = camera.ray(random.next_2d() * Vec2::new(64.0, 36.0), random.next_2d());
+                let point = ray.origin + ray.direction * (1.0 + 9.0 * random.next_1d());
+                let towards = camera.direction_from(point).unwrap();
+                assert!((towards.direction.length() - 1.0).abs() < 1e-6);
+                let angle = (towards.direction + ray.direction).length();
+                assert!(
+                    angle < towards.lens_angle + 1e-5,
+                    "{camera:?} {point}: {angle} {towards:?}"
+                );
+                if towards.lens_angle > 0.0 {
+                    largest = largest.max(angle / towards.lens_angle);
+                }
+            }
+            assert!(largest >= nearest, "{camera:?}: {largest}");
+        }
+        let inside = centred(Some(LENS)).to_world.point(Vec3::new(0.0, 0.1, 0.1));
+        assert_eq!(centred(Some(LENS)).direction_from(inside).unwrap().lens_angle, PI);
+        assert!(sensor().direction_from(Vec3::new(1.0, 2.0, 3.0)).is_none());
+    }
+
+    /// The footprint is the distance between the points where the rays through neighbouring pixels meet a plane facing the camera.
+    #[test]
+    fn a_footprint_is_the_distance_of_neighbouring_rays() {
+        for camera in [centred(None), orthographic([2.5, 2.5, 3.0], [64, 36])] {
+            let axis = camera.to_world.vector(Vec3::Z).normalize();
+            let at = |x: f32, y: f32| {
+                let ray = camera.ray(Vec2::new(x, y), Vec2::ZERO);
+                let depth = (ray.origin - Vec3::new(1.0, 2.0, 3.0)).dot(axis);
+                ray.origin + ray.direction * ((7.0 - depth) / ray.direction.dot(axis))
+            };
+            let footprint = camera.pixel_footprint(7.0);
+            for neighbour in [at(33.0, 18.0), at(32.0, 19.0)] {
+                let side = (neighbour - at(32.0, 18.0)).length();
+                assert!(
+                    (side / footprint - 1.0).abs() < 1e-4,
+                    "{camera:?}: {side} and {footprint}"
+                );
+            }
+        }
     }
 }

@@ -154,24 +154,47 @@ fn broken_cameras_and_films_name_their_line() {
             sensor,
         );
     }
-    let main = scene("").replace("perspective", "orthographic");
-    assert_error(
-        load(&files(&main, &[]), &Limits::default()),
-        "Unsupported",
-        "main.xml",
-        2,
-        "orthographic",
-        "sensor",
-    );
-    let main = scene("").replace("perspective", "thinlens");
-    assert_error(
-        load(&files(&main, &[]), &Limits::default()),
-        "Missing",
-        "main.xml",
-        2,
-        "aperture_radius",
-        "lens",
-    );
+    for (plugin, kind, fragment, sensor) in [
+        ("spherical", "Unsupported", "type `spherical`", ""),
+        ("thinlens", "Missing", "aperture_radius", ""),
+        (
+            "orthographic",
+            "Unknown",
+            "unknown property `fov`",
+            "<float name='fov' value='60'/>",
+        ),
+        (
+            "orthographic",
+            "Value",
+            "lies beyond",
+            "<transform name='to_world'><scale x='1e15'/></transform>",
+        ),
+        (
+            "orthographic",
+            "Value",
+            "a pixel's side",
+            "<transform name='to_world'><scale x='1e-36' y='1e-36'/></transform>",
+        ),
+        (
+            "orthographic",
+            "Value",
+            "viewing direction",
+            "<transform name='to_world'><scale z='1e-30'/></transform>",
+        ),
+    ] {
+        let main = scene("").replace(
+            "<sensor type=\"perspective\"/>",
+            &format!("<sensor type='{plugin}'>{sensor}</sensor>"),
+        );
+        assert_error(
+            load(&files(&main, &[]), &Limits::default()),
+            kind,
+            "main.xml",
+            2,
+            fragment,
+            sensor,
+        );
+    }
 }
 
 #[test]

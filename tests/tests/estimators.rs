@@ -4,11 +4,13 @@
 //! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
-use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::scene::{Limits, Scene, SceneFiles, SceneFolder};
+use photonfarm_core::settings::{
+    DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+};
 use photonfarm_tests::statistics::{Moments, ZTest};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Probability with which a comparison of equal estimators fails.
 const FALSE_ALARMS: f64 = 1e-4;
@@ -19,11 +21,17 @@ const SIZE: usize = 24;
 /// Pixels of a block, across and down.
 const BLOCK: usize = 6;
 
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes")
+}
+
 fn load(name: &str) -> Scene {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    load_from(&SceneFolder::new(&folder()).expect("the scenes are there"), name)
+}
+
+fn load_from(files: &dyn SceneFiles, name: &str) -> Scene {
     let defines = BTreeMap::from([("res".to_owned(), SIZE.to_string())]);
-    let files = SceneFolder::new(&folder).expect("the scenes are there");
-    Scene::load(&files, name, &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
+    Scene::load(files, name, &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Means of luminance over blocks of pixels, over iterations `1..=iterations`.
@@ -77,7 +85,13 @@ fn pcf(sigma1: f32, theta1: f32, lookup_vertex: LookupVertex, max_depth: u32) ->
 /// `wider` is the same with the bandwidth `ratio` times as large; its whole-image bias is large enough to be seen
 /// above the noise. Boundary bias shrinks in proportion to the bandwidth and all other bias faster, so the bias left in
 /// `settings` is at most the measured one over `ratio`; it must lie below the noise of a block.
-fn check(scene: &Scene, truth: &Moments, settings: &IntegratorSettings, wider: &IntegratorSettings, ratio: f64) {
+fn check(
+    scene: &Scene,
+    truth: &Moments,
+    settings: &IntegratorSettings,
+    wider: &IntegratorSettings,
+    ratio: f64,
+) -> ZTest {
     let estimate = measure(scene, settings, 2, 100);
     let test = ZTest::compare(&estimate, truth, FALSE_ALARMS);
     let bias = ZTest::compare(&measure(scene, wider, 3, 20), truth, FALSE_ALARMS)
@@ -99,6 +113,7 @@ fn check(scene: &Scene, truth: &Moments, settings: &IntegratorSettings, wider: &
         "{settings:?}: bias {bias} against noise {}",
         test.relative_noise
     );
+    test
 }
 
 /// A lookup vertex with the bandwidth it is tested at: sigma in scene units, theta in degrees.
@@ -148,4 +163,43 @@ fn point_light_agrees_with_path_tracing() {
 #[test]
 fn environment_light_agrees_with_path_tracing() {
     check_all("environment.xml", 8, &[(LookupVertex::Auto, 0.04, 10.0)]);
+}
+
+/// Camera connections aim at the camera: at a lens, which has an extent, and against parallel rays. Aimed elsewhere they
+/// would be many times as noisy.
+fn check_camera_connections(scene: &Scene) {
+    use DirectionSampler::{Bsdf, Camera};
+    let truth = reference(scene, 4);
+    for samplers in [vec![Camera], vec![Bsdf, Camera]] {
+        let at = |scale: f32| {
+            IntegratorSettings::Pcf(PcfSettings {
+                photons: 40_000,
+                samples: 2,
+                sigma1: Some(0.03 * scale),
+                theta1: 8.0 * scale,
+                lookup_vertex: LookupVertex::Fixed(1),
+                samplers: samplers.clone(),
+                max_depth: Some(4),
+                ..Default::default()
+            })
+        };
+        let test = check(scene, &truth, &at(1.0), &at(4.0), 4.0);
+        assert!(test.relative_noise < 0.03, "{test:?}");
+    }
+}
+
+#[test]
+fn a_lens_has_camera_connections() {
+    let text = std::fs::read_to_string(folder().join("diffuse-box.xml")).expect("the scene is there");
+    let pinhole = "<sensor type=\"perspective\">";
+    let lens = "<sensor type='thinlens'><float name='aperture_radius' value='0.4'/>\
+                <float name='focus_distance' value='4'/>";
+    assert!(text.contains(pinhole));
+    let files = BTreeMap::from([("main.xml".to_owned(), text.replace(pinhole, lens).into_bytes())]);
+    check_camera_connections(&load_from(&files, "main.xml"));
+}
+
+#[test]
+fn an_orthographic_camera_has_camera_connections() {
+    check_camera_connections(&load("orthographic.xml"));
 }

@@ -3,36 +3,37 @@
 use super::camera_path::power_heuristic;
 use super::light_path::Arrival;
 use crate::map::Record;
-use crate::math::{Frame, TAU, Vec2, Vec3, exp, pow, safe_sqrt, sin_cos, warp::one_minus_cos};
+use crate::math::{Frame, PI, TAU, Vec2, Vec3, exp, pow, safe_sqrt, sin, sin_cos, warp::one_minus_cos};
 use crate::random::PathRandom;
+use crate::sensor::{Sensor, Towards};
 use crate::settings::DirectionSampler;
 use crate::spectrum::Spectrum;
 
 /// A normalised lobe `(n + 1) / (2 pi) cos^n` about the direction to the camera; what falls below the surface is mirrored
 /// at it, so that the density stays exact (thesis, section 4.2.2).
-pub(super) struct CameraLobe {
-    camera: Vec3,
-    exponent: f32,
+pub(super) struct CameraLobe<'a> {
+    camera: &'a Sensor,
+    theta: f32,
 }
 
-impl CameraLobe {
-    /// A lobe as wide as the angular bandwidth `theta` [radians]: the mean of `1 - cos` over the lobe, `1 / (n + 2)`, is that over
-    /// the cone, `(1 - cos theta) / 2`.
-    pub(super) fn new(camera: Vec3, theta: f32) -> Self {
-        Self {
-            camera,
-            exponent: (2.0 / one_minus_cos(theta) - 2.0).max(0.0),
-        }
+impl<'a> CameraLobe<'a> {
+    /// Lobes as wide as the angular bandwidth `theta` [radians] and the angle under which the lens is seen.
+    pub(super) fn new(camera: &'a Sensor, theta: f32) -> Self {
+        Self { camera, theta }
     }
 
     /// The lobe at a surface point; `None` at the camera itself.
+    ///
+    /// The mean of `1 - cos` over the lobe, `1 / (n + 2)`, is that over the cone around all that counts, `(1 - cos theta) / 2`.
+    /// Where a lens reaches through the tangent plane both sides count, and nothing is mirrored.
     fn at(&self, position: Vec3, normal: Vec3) -> Option<LobeAt> {
-        let axis = (self.camera - position).try_normalize()?;
-        let normal = if axis.dot(normal) < 0.0 { -normal } else { normal };
+        let Towards { direction, lens_angle } = self.camera.direction_from(position)?;
+        let height = direction.dot(normal);
+        let on_one_side = lens_angle < 0.5 * PI && height.abs() >= sin(lens_angle);
         Some(LobeAt {
-            axis,
-            normal,
-            exponent: self.exponent,
+            axis: direction,
+            normal: on_one_side.then_some(if height < 0.0 { -normal } else { normal }),
+            exponent: (2.0 / one_minus_cos((self.theta + lens_angle).min(PI)) - 2.0).max(0.0),
         })
     }
 }
@@ -40,8 +41,8 @@ impl CameraLobe {
 /// A camera lobe at a surface point.
 struct LobeAt {
     axis: Vec3,
-    /// Geometric normal on the camera's side.
-    normal: Vec3,
+    /// Geometric normal on the camera's side, at whose plane the lobe is mirrored.
+    normal: Option<Vec3>,
     exponent: f32,
 }
 
@@ -51,21 +52,19 @@ impl LobeAt {
         let (sin_phi, cos_phi) = sin_cos(TAU * u.y);
         let sin = safe_sqrt(1.0 - cos * cos);
         let direction = Frame::from_normal(self.axis).to_world(Vec3::new(sin * cos_phi, sin * sin_phi, cos));
-        let height = direction.dot(self.normal);
-        if height < 0.0 {
-            direction - 2.0 * height * self.normal
-        } else {
-            direction
+        match self.normal {
+            Some(normal) if direction.dot(normal) < 0.0 => mirrored(direction, normal),
+            _ => direction,
         }
     }
 
     /// Solid-angle density [1/sr].
     fn pdf(&self, direction: Vec3) -> f32 {
-        let height = direction.dot(self.normal);
-        if height < 0.0 {
-            return 0.0;
+        match self.normal {
+            None => self.lobe(direction),
+            Some(normal) if direction.dot(normal) < 0.0 => 0.0,
+            Some(normal) => self.lobe(direction) + self.lobe(mirrored(direction, normal)),
         }
-        self.lobe(direction) + self.lobe(direction - 2.0 * height * self.normal)
     }
 
     fn lobe(&self, direction: Vec3) -> f32 {
@@ -75,6 +74,10 @@ impl LobeAt {
         }
         (self.exponent + 1.0) / TAU * exp(self.exponent * libm::log1pf(-one_minus_cos))
     }
+}
+
+fn mirrored(direction: Vec3, normal: Vec3) -> Vec3 {
+    direction - 2.0 * direction.dot(normal) * normal
 }
 
 /// Stores the cones of a light path's arrival: one from each sampler, weighted so that together they count once.

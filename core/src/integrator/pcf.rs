@@ -29,7 +29,7 @@ pub(super) fn render(
     let mut counts = Counts::default();
 
     observer.phase(Phase::TraceLight);
-    let lobe = CameraLobe::new(job.scene.sensor.position(), bandwidth.theta);
+    let lobe = CameraLobe::new(&job.scene.sensor, bandwidth.theta);
     let paths = LightPaths {
         seed: job.seed,
         iteration: job.iteration,

@@ -2,17 +2,16 @@
 
 use super::uniform_scale;
 use crate::film::{FilmSettings, Filter};
-use crate::math::{Transform, Vec2};
+use crate::math::{Transform, Vec2, Vec3};
 use crate::scene::Limits;
 use crate::scene::description::{Description, Kind, ObjectId, Value};
 use crate::scene::error::{SceneError, within};
 use crate::scene::reader::{ANY, NOT_NEGATIVE, POSITIVE, Reader};
-use crate::sensor::{Lens, Sensor};
+use crate::sensor::{Lens, Projection, Sensor};
 
-const SENSORS: [&str; 2] = ["perspective", "thinlens"];
+const SENSORS: [&str; 3] = ["perspective", "thinlens", "orthographic"];
 /// Sensors of Mitsuba that do not exist here.
-const OTHER_SENSORS: [&str; 7] = [
-    "orthographic",
+const OTHER_SENSORS: [&str; 6] = [
     "radiancemeter",
     "irradiancemeter",
     "distant",
@@ -67,23 +66,46 @@ const DEFAULT_FILTER: Filter = Filter::Gaussian { stddev: 0.5 };
 
 fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<Sensor, SceneError> {
     let to_world = reader.transform("to_world")?.unwrap_or_default();
-    if uniform_scale(&to_world).is_none_or(|scale| (scale - 1.0).abs() > 1e-3) {
-        let reason = "a camera can be moved, rotated and mirrored, but not scaled or sheared";
-        return Err(reader.wrong("to_world", reason));
-    }
-    check_position(reader, &to_world)?;
+    check_position(reader, to_world.point(Vec3::ZERO))?;
     let near = reader.float_or("near_clip", POSITIVE, 1e-2)?;
     let far = reader.float_or("far_clip", POSITIVE, 1e4)?;
     if near >= far {
         return Err(reader.wrong("near_clip", format!("{near} is not below `far_clip`, {far}")));
+    }
+    let focus_distance = reader.float_or("focus_distance", POSITIVE, far)? as f32;
+    shutter(reader)?;
+    let projection = if reader.object.plugin == "orthographic" {
+        Projection::Orthographic
+    } else {
+        perspective(reader, &to_world, resolution, focus_distance)?
+    };
+    let sensor = Sensor {
+        to_world,
+        projection,
+        resolution,
+        clip: [near as f32, far as f32],
+    };
+    if matches!(projection, Projection::Orthographic) {
+        check_extent(reader, &sensor)?;
+    }
+    Ok(sensor)
+}
+
+fn perspective(
+    reader: &Reader,
+    to_world: &Transform,
+    resolution: [u32; 2],
+    focus_distance: f32,
+) -> Result<Projection, SceneError> {
+    if uniform_scale(to_world).is_none_or(|scale| (scale - 1.0).abs() > 1e-3) {
+        let reason = "this camera can be moved, rotated and mirrored, but not scaled or sheared";
+        return Err(reader.wrong("to_world", reason));
     }
     let offset = |name| reader.float_or(name, -10.0..=10.0, 0.0);
     let principal_point = Vec2::new(
         offset("principal_point_offset_x")? as f32,
         offset("principal_point_offset_y")? as f32,
     );
-    let focus_distance = reader.float_or("focus_distance", POSITIVE, far)? as f32;
-    shutter(reader)?;
     let lens = if reader.object.plugin == "thinlens" {
         let radius = reader.float("aperture_radius", NOT_NEGATIVE)?;
         let radius = radius.ok_or_else(|| reader.missing("property `aperture_radius`"))? as f32;
@@ -92,24 +114,41 @@ fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<Sensor, SceneError> {
         None
     };
     let fov_x = horizontal_field_of_view(reader, f64::from(resolution[0]) / f64::from(resolution[1]))? as f32;
-    let clip = [near as f32, far as f32];
-    Ok(Sensor {
-        to_world,
+    Ok(Projection::Perspective {
         fov_x,
         principal_point,
-        resolution,
-        clip,
         lens,
     })
 }
 
-fn check_position(reader: &Reader, to_world: &Transform) -> Result<(), SceneError> {
-    let position = to_world.point(crate::math::Vec3::ZERO);
+fn check_position(reader: &Reader, position: Vec3) -> Result<(), SceneError> {
     let limit = crate::scene::mesh::LARGEST_COORDINATE;
     if position.abs().max_element() <= limit {
         return Ok(());
     }
     Err(reader.wrong("to_world", format!("the camera at {position} lies beyond {limit:e}")))
+}
+
+/// An orthographic image must have a size, and its corners must lie within the largest coordinate.
+fn check_extent(reader: &Reader, sensor: &Sensor) -> Result<(), SceneError> {
+    let [width, height] = sensor.resolution.map(|n| n as f32);
+    for corner in [
+        Vec2::ZERO,
+        Vec2::new(width, 0.0),
+        Vec2::new(0.0, height),
+        Vec2::new(width, height),
+    ] {
+        let ray = sensor.ray(corner, Vec2::ZERO);
+        check_position(reader, ray.origin)?;
+        if !(ray.direction.is_finite() && ray.direction.is_normalized()) {
+            return Err(reader.wrong("to_world", "it scales the viewing direction to nothing"));
+        }
+    }
+    let footprint = sensor.pixel_footprint(1.0);
+    if footprint.is_finite() && footprint >= f32::MIN_POSITIVE {
+        return Ok(());
+    }
+    Err(reader.wrong("to_world", format!("a pixel's side in the world is {footprint}")))
 }
 
 /// There is no motion, so the shutter must open for no time.
