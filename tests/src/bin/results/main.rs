@@ -50,6 +50,9 @@ pub(crate) struct Options {
     /// Folder that holds the example scenes
     #[arg(long, global = true, value_name = "FOLDER", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes"))]
     pub(crate) scenes: PathBuf,
+    /// Folder of scenes made by others; what needs the scene `torus` in it is left out without
+    #[arg(long, global = true, value_name = "FOLDER", env = "PHOTONFARM_SCENES")]
+    pub(crate) others: Option<PathBuf>,
     /// Folder to write to; it is made where it is missing
     #[arg(long, global = true, value_name = "FOLDER", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/results"))]
     pub(crate) out: PathBuf,

@@ -27,6 +27,12 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(60, 60, 60),
 ];
 
+/// Red, green and blue of series with the number `index`.
+pub(crate) fn colour(index: usize) -> [u8; 3] {
+    let RGBColor(r, g, b) = COLOURS[index % COLOURS.len()];
+    [r, g, b]
+}
+
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stroke {
