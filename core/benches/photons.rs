@@ -7,8 +7,8 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use photonfarm_core::integrator::{Unobserved, render_iteration};
-use photonfarm_core::map::{Record, RecordMap};
-use photonfarm_core::math::Vec3;
+use photonfarm_core::map::{Reach, Record, RecordMap};
+use photonfarm_core::math::{PI, Vec3};
 use photonfarm_core::random::{PathRandom, Stream};
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
@@ -70,12 +70,7 @@ fn wall_records(count: u64) -> Vec<Vec<Record>> {
         position[axis] = side;
         let mut direction = Vec3::ZERO;
         direction[axis] = 1.0 - side;
-        Record {
-            position: Vec3::from_array(position),
-            direction,
-            weight: Spectrum::ONE,
-            edges: 1,
-        }
+        Record::new(Vec3::from_array(position), direction, direction, Spectrum::ONE, 1)
     };
     (0..count)
         .map(record)
@@ -95,15 +90,15 @@ fn build_map(bencher: Bencher, threads: usize) {
     let records = wall_records(RECORDS);
     bencher
         .counter(ItemsCount::new(RECORDS))
-        .with_inputs(|| records.clone())
-        .bench_values(|records| on_pool(threads, || RecordMap::build(records, RADIUS)));
+        .bench(|| on_pool(threads, || RecordMap::build(&records, &Reach::new(RADIUS, PI))));
 }
 
 /// Queries in random order that find about two records each, on one thread; items are queries.
 #[divan::bench(sample_count = 10)]
 fn query_map(bencher: Bencher) {
     const QUERIES: u64 = 200_000;
-    let map = RecordMap::build(wall_records(1_000_000), RADIUS);
+    let reach = Reach::new(RADIUS, PI);
+    let map = RecordMap::build(&wall_records(1_000_000), &reach);
     let centers: Vec<Vec3> = wall_records(QUERIES)
         .into_iter()
         .flatten()
@@ -112,7 +107,7 @@ fn query_map(bencher: Bencher) {
     bencher.counter(ItemsCount::new(QUERIES)).bench(|| {
         let mut sum = Spectrum::ZERO;
         for center in &centers {
-            map.query(*center, |n| sum += n.weight());
+            map.query(*center, Vec3::Z, &reach, |n| sum += n.weight());
         }
         sum
     });

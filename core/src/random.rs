@@ -16,6 +16,8 @@ pub enum Stream {
     Light = 2,
     /// Paths that measure the scene before rendering.
     Probe = 3,
+    /// Directions of the cones at the vertices of light paths.
+    Cone = 4,
 }
 
 /// The random numbers of one path, drawn in order of dimension.

@@ -173,7 +173,7 @@ impl<'a> PhaseClock<'a> {
         match phase {
             Some(Phase::TraceLight) => seconds.trace_light += spent,
             Some(Phase::BuildMap) => seconds.build_map += spent,
-            Some(Phase::TraceCamera) => seconds.trace_camera += spent,
+            Some(Phase::TraceCamera | Phase::ReadMap) => seconds.trace_camera += spent,
             Some(Phase::Done) | None => seconds.other += spent,
         }
         (*phase, *since) = (next, now);

@@ -18,10 +18,12 @@ pub(super) const ROULETTE_SURVIVAL: f32 = 0.95;
 pub(super) enum Visit {
     /// Estimate direct light there and walk on.
     Walk,
+    /// Walk on: direct light there has been accounted for.
+    WalkOnly,
     /// Add this radiance, estimate direct light there, and end.
     AddAndEndAfterDirect(Spectrum),
-    /// Add this radiance, which includes direct light, and end.
-    AddAndEnd(Spectrum),
+    /// End: direct light there has been accounted for.
+    End,
 }
 
 /// A bounce whose direction might have been chosen by next-event estimation too.
@@ -34,40 +36,44 @@ struct Bounce {
 /// Estimates the radiance along `ray` over paths of at most `max_edges` edges, with lights sampled both by the material
 /// and by next-event estimation and combined by the power heuristic (Veach 1997, section 9.2).
 ///
-/// `visit(vertex, edges, random)` is asked at every surface vertex, `edges` from the camera; an integrator that ends
-/// the walk there answers for all longer paths.
+/// `visit(vertex, edges, throughput)` is asked at every surface vertex, `edges` from the camera, where the path carries the
+/// share `throughput` of radiance to the camera; an integrator that ends the walk there answers for all longer paths.
 pub(super) fn radiance<'a>(
     tracer: &mut Tracer<'a>,
     mut ray: Ray,
     random: &mut PathRandom,
     max_edges: u32,
-    mut visit: impl FnMut(&Vertex<'a>, u32, &mut PathRandom) -> Visit,
+    mut visit: impl FnMut(&Vertex<'a>, u32, Spectrum) -> Visit,
 ) -> Spectrum {
     let mut total = Spectrum::ZERO;
     let mut throughput = Spectrum::ONE;
     let mut eta = 1.0;
     let mut bounce: Option<Bounce> = None;
-    let mut ending = false;
+    let (mut ending, mut direct) = (false, true);
     for edges in 1..=max_edges {
         let hit = tracer.intersect(&ray);
-        total += throughput * emission(tracer, &ray, hit.as_ref(), bounce.as_ref());
+        if direct {
+            total += throughput * emission(tracer, &ray, hit.as_ref(), bounce.as_ref());
+        }
         let Some(point) = hit else { break };
         if ending {
             break;
         }
         let vertex = Vertex::new(tracer.scene, point, -ray.direction, TransportMode::Radiance);
-        match visit(&vertex, edges, random) {
+        direct = true;
+        match visit(&vertex, edges, throughput) {
             Visit::Walk => {}
+            Visit::WalkOnly => direct = false,
             Visit::AddAndEndAfterDirect(radiance) => {
                 total += throughput * radiance;
                 ending = true;
             }
-            Visit::AddAndEnd(radiance) => return total + throughput * radiance,
+            Visit::End => break,
         }
         if edges == max_edges {
             break;
         }
-        if !vertex.is_delta() {
+        if direct && !vertex.is_delta() {
             total += throughput * next_event(tracer, &vertex, random);
         }
         let Some(scattered) = vertex.sample(random) else {

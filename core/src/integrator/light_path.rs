@@ -9,9 +9,18 @@ use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Light paths that one task traces.
 const CHUNK: u32 = 4096;
+
+/// Light paths whose records are held at a time, so that memory has a bound for any number of them.
+const BATCH: u32 = 1 << 20;
+
+/// Splits the light paths `0..count` of an iteration into batches.
+pub(super) fn batches(count: u32) -> impl Iterator<Item = Range<u32>> {
+    (0..count.div_ceil(BATCH)).map(move |batch| batch * BATCH..((batch + 1).saturating_mul(BATCH)).min(count))
+}
 
 /// A vertex of a light path, `edges` from the light.
 pub(super) struct Arrival<'a, 'b> {
@@ -19,6 +28,8 @@ pub(super) struct Arrival<'a, 'b> {
     /// Flux that arrives [W], corrected for the shading normal.
     pub(super) flux: Spectrum,
     pub(super) edges: u32,
+    /// Index of the light path in its iteration.
+    pub(super) path: u32,
     /// Where the path goes on, sampled from the material.
     pub(super) scattered: Option<&'b Scattered>,
 }
@@ -27,8 +38,8 @@ pub(super) struct Arrival<'a, 'b> {
 pub(super) struct LightPaths {
     pub(super) seed: u64,
     pub(super) iteration: u32,
-    /// Number of paths (M).
-    pub(super) count: u32,
+    /// Indices of the paths, of all M of the iteration.
+    pub(super) range: Range<u32>,
     /// Most edges from the light to a vertex.
     pub(super) max_edges: u32,
 }
@@ -40,9 +51,10 @@ impl LightPaths {
         scene: &Scene,
         observer: &dyn Observer,
         counts: &mut Counts,
-        store: impl Fn(&Arrival, &mut PathRandom, &mut Vec<Record>) + Sync,
+        store: impl Fn(&Arrival, &mut Vec<Record>) + Sync,
     ) -> Result<Vec<Vec<Record>>, RenderError> {
-        let chunks: Vec<(Vec<Record>, u64)> = (0..self.count.div_ceil(CHUNK))
+        let count = self.range.len() as u32;
+        let chunks: Vec<(Vec<Record>, u64)> = (0..count.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 if observer.cancelled() {
@@ -50,27 +62,21 @@ impl LightPaths {
                 }
                 let mut tracer = Tracer::new(scene);
                 let mut records = Vec::new();
-                for path in chunk * CHUNK..((chunk + 1).saturating_mul(CHUNK)).min(self.count) {
-                    let mut random = PathRandom::new(self.seed, self.iteration, Stream::Light, u64::from(path));
-                    self.trace_one(&mut tracer, &mut random, |arrival, random| {
-                        store(arrival, random, &mut records)
-                    });
+                let first = self.range.start + chunk * CHUNK;
+                for path in first..self.range.end.min(first + CHUNK) {
+                    self.trace_one(&mut tracer, path, |arrival| store(arrival, &mut records));
                 }
                 Ok((records, tracer.rays))
             })
             .collect::<Result<_, _>>()?;
-        counts.light_paths += u64::from(self.count);
+        counts.light_paths += u64::from(count);
         counts.rays += chunks.iter().map(|(_, rays)| rays).sum::<u64>();
         counts.records_stored += chunks.iter().map(|(records, _)| records.len() as u64).sum::<u64>();
         Ok(chunks.into_iter().map(|(records, _)| records).collect())
     }
 
-    fn trace_one<'a>(
-        &self,
-        tracer: &mut Tracer<'a>,
-        random: &mut PathRandom,
-        mut arrive: impl FnMut(&Arrival<'a, '_>, &mut PathRandom),
-    ) {
+    fn trace_one<'a>(&self, tracer: &mut Tracer<'a>, path: u32, mut arrive: impl FnMut(&Arrival<'a, '_>)) {
+        let mut random = PathRandom::new(self.seed, self.iteration, Stream::Light, u64::from(path));
         let scene = tracer.scene;
         let (choice, u_position, u_direction) = (random.next_1d(), random.next_2d(), random.next_2d());
         let Some(start) = scene
@@ -86,16 +92,14 @@ impl LightPaths {
             };
             let vertex = Vertex::new(scene, point, -ray.direction, TransportMode::Flux);
             flux *= vertex.arrival_correction();
-            let scattered = vertex.sample(random);
-            arrive(
-                &Arrival {
-                    vertex: &vertex,
-                    flux,
-                    edges,
-                    scattered: scattered.as_ref(),
-                },
-                random,
-            );
+            let scattered = vertex.sample(&mut random);
+            arrive(&Arrival {
+                vertex: &vertex,
+                flux,
+                edges,
+                path,
+                scattered: scattered.as_ref(),
+            });
             let Some(scattered) = scattered else { return };
             let next = flux * vertex.continuation_weight(&scattered);
             let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };

@@ -2,10 +2,9 @@
 
 mod bandwidth;
 mod camera_path;
-mod cone_sampler;
 mod light_path;
 mod path;
-mod pcf;
+pub mod pcf;
 mod pppm;
 mod vertex;
 
@@ -18,6 +17,7 @@ use crate::scene::Scene;
 use crate::settings::{IntegratorSettings, SettingError};
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
+use std::ops::Range;
 use thiserror::Error;
 use vertex::Tracer;
 
@@ -47,8 +47,10 @@ pub enum Phase {
     TraceLight,
     /// Sorting records into the map.
     BuildMap,
-    /// Tracing paths from the camera and reading the map.
+    /// Tracing paths from the camera; with `pppm` they read the map as they go.
     TraceCamera,
+    /// Adding up the records that camera paths want.
+    ReadMap,
     /// The iteration is over.
     Done,
 }
@@ -116,6 +118,13 @@ struct Job<'a> {
     iteration: u32,
 }
 
+impl Job<'_> {
+    fn pixel_count(&self) -> usize {
+        let [width, height] = self.scene.film.resolution;
+        width as usize * height as usize
+    }
+}
+
 /// Renders iteration `iteration` (1, 2, ...) of a job on the current rayon pool.
 ///
 /// Pure: the same scene, settings, seed and iteration give the same bits with any number of threads.
@@ -154,42 +163,82 @@ fn edge_limit(max_depth: Option<u32>) -> u32 {
     max_depth.unwrap_or(u32::MAX)
 }
 
-/// Averages `samples` estimates per pixel, a row of pixels a task. Every camera path has its own random numbers.
+/// Pixels that one task traces.
+const PIXELS_PER_TASK: usize = 256;
+
+/// A camera path about to be traced.
+struct Sample<'a, 't> {
+    tracer: &'t mut Tracer<'a>,
+    ray: Ray,
+    random: &'t mut PathRandom,
+    counts: &'t mut Counts,
+    /// Index of its pixel, row by row from the top left.
+    pixel: usize,
+}
+
+/// Sums `samples` estimates for each pixel of the range `pixels` on the current rayon pool; `estimate` may put further things
+/// into its task's list. Lists come back in the order of pixels. Every camera path has its own random numbers.
+fn trace_pixels<'a, T: Send>(
+    job: &Job<'a>,
+    samples: u32,
+    pixels: Range<usize>,
+    observer: &dyn Observer,
+    counts: &mut Counts,
+    estimate: impl Fn(Sample<'a, '_>, &mut Vec<T>) -> Spectrum + Sync,
+) -> Result<(Vec<Spectrum>, Vec<Vec<T>>), RenderError> {
+    let (sensor, film) = (&job.scene.sensor, &job.scene.film);
+    let width = film.resolution[0] as usize;
+    let mut sums = vec![Spectrum::ZERO; pixels.len()];
+    let tasks: Vec<(Vec<T>, Counts)> = sums
+        .par_chunks_mut(PIXELS_PER_TASK)
+        .enumerate()
+        .map(|(task, sums)| {
+            if observer.cancelled() {
+                return Err(RenderError::Cancelled);
+            }
+            let mut tracer = Tracer::new(job.scene);
+            let (mut list, mut counts) = (Vec::new(), Counts::default());
+            for (offset, sum) in sums.iter_mut().enumerate() {
+                let pixel = pixels.start + task * PIXELS_PER_TASK + offset;
+                let centre = Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+                let first_path = pixel as u64 * u64::from(samples);
+                for sample in 0..u64::from(samples) {
+                    let mut random = PathRandom::new(job.seed, job.iteration, Stream::Camera, first_path + sample);
+                    let ray = sensor.ray(centre + film.filter.sample(random.next_2d()), random.next_2d());
+                    let sample = Sample {
+                        tracer: &mut tracer,
+                        ray,
+                        random: &mut random,
+                        counts: &mut counts,
+                        pixel,
+                    };
+                    *sum += estimate(sample, &mut list);
+                }
+            }
+            counts.rays += tracer.rays;
+            Ok((list, counts))
+        })
+        .collect::<Result<_, _>>()?;
+    let mut lists = Vec::with_capacity(tasks.len());
+    for (list, task_counts) in tasks {
+        *counts += task_counts;
+        lists.push(list);
+    }
+    Ok((sums, lists))
+}
+
+/// Averages `samples` estimates for each pixel.
 fn render_pixels<'a>(
     job: &Job<'a>,
     samples: u32,
     observer: &dyn Observer,
     counts: &mut Counts,
-    estimate: impl Fn(&mut Tracer<'a>, Ray, &mut PathRandom, &mut Counts) -> Spectrum + Sync,
+    estimate: impl Fn(Sample<'a, '_>) -> Spectrum + Sync,
 ) -> Result<Vec<Spectrum>, RenderError> {
-    let (sensor, film) = (&job.scene.sensor, &job.scene.film);
-    let [width, height] = film.resolution;
-    let mut pixels = vec![Spectrum::ZERO; width as usize * height as usize];
-    let rows: Vec<Counts> = pixels
-        .par_chunks_mut(width as usize)
-        .enumerate()
-        .map(|(y, row)| {
-            if observer.cancelled() {
-                return Err(RenderError::Cancelled);
-            }
-            let mut tracer = Tracer::new(job.scene);
-            let mut counts = Counts::default();
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let first_path = (y as u64 * u64::from(width) + x as u64) * u64::from(samples);
-                for sample in 0..u64::from(samples) {
-                    let mut random = PathRandom::new(job.seed, job.iteration, Stream::Camera, first_path + sample);
-                    let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                    let ray = sensor.ray(centre + film.filter.sample(random.next_2d()), random.next_2d());
-                    *pixel += estimate(&mut tracer, ray, &mut random, &mut counts);
-                }
-                *pixel *= 1.0 / samples as f32;
-            }
-            counts.rays += tracer.rays;
-            Ok(counts)
-        })
-        .collect::<Result<_, _>>()?;
-    for row in rows {
-        *counts += row;
+    let nothing = |sample: Sample<'a, '_>, _: &mut Vec<()>| estimate(sample);
+    let (mut pixels, _) = trace_pixels(job, samples, 0..job.pixel_count(), observer, counts, nothing)?;
+    for pixel in &mut pixels {
+        *pixel *= 1.0 / samples as f32;
     }
     Ok(pixels)
 }

@@ -8,12 +8,10 @@ pub(super) fn render(job: &Job, settings: &PathSettings, observer: &dyn Observer
     observer.phase(Phase::TraceCamera);
     let max_edges = edge_limit(settings.max_depth);
     let mut counts = Counts::default();
-    let pixels = render_pixels(
-        job,
-        settings.samples,
-        observer,
-        &mut counts,
-        |tracer, ray, random, _| camera_path::radiance(tracer, ray, random, max_edges, |_, _, _| Visit::Walk),
-    )?;
+    let pixels = render_pixels(job, settings.samples, observer, &mut counts, |sample| {
+        camera_path::radiance(sample.tracer, sample.ray, sample.random, max_edges, |_, _, _| {
+            Visit::Walk
+        })
+    })?;
     Ok(Iteration { pixels, counts })
 }

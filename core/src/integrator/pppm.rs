@@ -6,32 +6,56 @@
 //! camera path where `j <= 1`.
 
 use super::camera_path::{self, Visit};
-use super::light_path::LightPaths;
+use super::light_path::{LightPaths, batches};
 use super::vertex::Vertex;
 use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, render_pixels};
-use crate::map::RecordMap;
+use crate::map::{Reach, RecordMap, count_edges};
 use crate::math::{PI, sqr};
 use crate::settings::PppmSettings;
 use crate::spectrum::Spectrum;
+use std::ops::Range;
 
 /// Renders an iteration with photons gathered within `radius` [scene units].
+///
+/// More light paths than a batch holds are worked through batch by batch, with the same camera paths: the image is the mean of
+/// the batches' images, weighted by their number of light paths.
 pub(super) fn render(
     job: &Job,
     settings: &PppmSettings,
     radius: f32,
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
-    let max_edges = edge_limit(settings.max_depth);
     let mut counts = Counts::default();
+    let mut pixels = vec![Spectrum::ZERO; job.pixel_count()];
+    for batch in batches(settings.photons) {
+        let share = batch.len() as f32 / settings.photons as f32;
+        let image = render_batch(job, settings, batch, radius, observer, &mut counts)?;
+        for (pixel, estimate) in pixels.iter_mut().zip(image) {
+            *pixel += estimate * share;
+        }
+    }
+    Ok(Iteration { pixels, counts })
+}
+
+fn render_batch(
+    job: &Job,
+    settings: &PppmSettings,
+    batch: Range<u32>,
+    radius: f32,
+    observer: &dyn Observer,
+    counts: &mut Counts,
+) -> Result<Vec<Spectrum>, RenderError> {
+    let max_edges = edge_limit(settings.max_depth);
+    let scale = 1.0 / (batch.len() as f32 * PI * sqr(radius));
 
     observer.phase(Phase::TraceLight);
     let paths = LightPaths {
         seed: job.seed,
         iteration: job.iteration,
-        count: settings.photons,
+        range: batch,
         max_edges: max_edges.saturating_sub(1),
     };
-    let photons = paths.trace(job.scene, observer, &mut counts, |arrival, _, photons| {
+    let photons = paths.trace(job.scene, observer, counts, |arrival, photons| {
         let vertex = arrival.vertex;
         if arrival.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
             photons.push(vertex.record(vertex.wo, arrival.flux, arrival.edges));
@@ -39,33 +63,35 @@ pub(super) fn render(
     })?;
 
     observer.phase(Phase::BuildMap);
-    let map = RecordMap::build(photons, radius);
+    let reach = Reach::new(radius, PI);
+    let map = RecordMap::build(&photons, &reach);
+    drop(photons);
 
     observer.phase(Phase::TraceCamera);
-    let scale = 1.0 / (settings.photons as f32 * PI * sqr(radius));
-    let pixels = render_pixels(
-        job,
-        settings.samples,
-        observer,
-        &mut counts,
-        |tracer, ray, random, counts| {
-            camera_path::radiance(tracer, ray, random, max_edges, |vertex, edges, _| {
+    render_pixels(job, settings.samples, observer, counts, |sample| {
+        let counts = sample.counts;
+        camera_path::radiance(
+            sample.tracer,
+            sample.ray,
+            sample.random,
+            max_edges,
+            |vertex, edges, _| {
                 if vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
                     return Visit::Walk;
                 }
-                Visit::AddAndEndAfterDirect(gather(&map, vertex, max_edges - edges, counts) * scale)
-            })
-        },
-    )?;
-    Ok(Iteration { pixels, counts })
+                let limit = count_edges(max_edges - edges);
+                Visit::AddAndEndAfterDirect(gather(&map, &reach, vertex, limit, counts) * scale)
+            },
+        )
+    })
 }
 
-/// `sum_j f(wo, w_j) Phi_j` over the photons in reach that came by at most `max_edges` edges.
-fn gather(map: &RecordMap, vertex: &Vertex, max_edges: u32, counts: &mut Counts) -> Spectrum {
+/// `sum_j f(wo, w_j) Phi_j` over the photons in reach that came by at most `limit` edges.
+fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &mut Counts) -> Spectrum {
     let mut sum = Spectrum::ZERO;
     let mut counted = 0;
-    counts.records_read += map.query(vertex.point.position, |photon| {
-        if photon.edges() <= max_edges {
+    counts.records_read += map.query(vertex.point.position, vertex.wo, reach, |photon| {
+        if photon.edges() <= limit {
             counted += 1;
             sum += vertex.eval(photon.direction()) * photon.weight();
         }

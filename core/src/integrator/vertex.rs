@@ -110,12 +110,13 @@ impl<'a> Vertex<'a> {
 
     /// A record at this vertex.
     pub(super) fn record(&self, direction: Vec3, weight: Spectrum, edges: u32) -> Record {
-        Record {
-            position: self.point.position,
+        Record::new(
+            self.point.position,
+            self.point.geometric_normal,
             direction,
             weight,
             edges,
-        }
+        )
     }
 }
 

@@ -1,101 +1,184 @@
-use super::{MAX_RECORDS, Payload, Place, Record, RecordMap, bucket_of, cell, encode_direction};
+use super::direction::{ROW_BITS, row_shift, sort_key};
+use super::{CELL_OVER_RADIUS, MAX_RECORDS, Reach, Record, RecordMap, bucket_of, cell};
+use crate::spectrum::Spectrum;
 use rayon::prelude::*;
 
 /// Parts that the buckets are split into by their high bits, so that each can be sorted on its own.
 const PARTS: usize = 256;
 
-/// Records of one chunk of light paths, ordered by part.
-struct SortedChunk {
-    /// Bucket and record; stable within a part.
-    records: Vec<(u32, Record)>,
-    /// `starts[p]..starts[p + 1]` are the records of part `p`.
+/// Records a bucket holds on average, about, where directions tell the records of a bucket apart.
+const RECORDS_PER_BUCKET: usize = 8;
+
+/// The records of one chunk of light paths, by part.
+struct ChunkOrder {
+    /// Bucket and index in the chunk; in order within a part.
+    entries: Vec<(u32, u32)>,
+    /// `starts[p]..starts[p + 1]` are the entries of part `p`.
     starts: Vec<u32>,
 }
 
+/// How records are put in order.
+#[derive(Clone, Copy)]
+struct Layout {
+    cells_per_unit: f32,
+    /// Number of buckets less one.
+    mask: u32,
+    buckets_per_part: usize,
+    /// `None`: by path alone.
+    row_shift: Option<u32>,
+}
+
 impl RecordMap {
-    /// Builds the map for queries of `radius` [scene units]. `chunks` are records in the order of light paths.
+    /// Builds the map for queries that reach as far as `reach`. `chunks` are records in the order of light paths.
     ///
-    /// A stable two-pass radix sort on the current rayon pool: every chunk is sorted by the high bits of the bucket, then
-    /// every part by the low bits. The result depends on the records and on nothing else.
+    /// A stable sort by bucket, direction and path on the current rayon pool: every chunk is split by the high bits of the
+    /// bucket, then every part is sorted. The result depends on the records and on nothing else.
     ///
     /// # Panics
     /// If there are more than [`MAX_RECORDS`] records.
     #[must_use]
-    pub fn build(chunks: Vec<Vec<Record>>, radius: f32) -> Self {
+    pub fn build(chunks: &[Vec<Record>], reach: &Reach) -> Self {
         let total: usize = chunks.iter().map(Vec::len).sum();
         assert!(
             total <= MAX_RECORDS,
             "{total} records in one map: at most {MAX_RECORDS}"
         );
-        let buckets = total.next_power_of_two().max(PARTS);
-        let buckets_per_part = buckets / PARTS;
-        let cells_per_unit = 0.5 / radius;
-        let mask = (buckets - 1) as u32;
-        let sorted: Vec<SortedChunk> = chunks
+        let everywhere = reach.is_omnidirectional();
+        let share = if everywhere { 1 } else { RECORDS_PER_BUCKET };
+        let buckets = (total / share).next_power_of_two().max(PARTS);
+        let cell_size = CELL_OVER_RADIUS * reach.radius;
+        let shift = row_shift(reach.sin_theta);
+        let layout = Layout {
+            cells_per_unit: 1.0 / cell_size,
+            mask: (buckets - 1) as u32,
+            buckets_per_part: buckets / PARTS,
+            row_shift: (!everywhere).then_some(shift),
+        };
+        let orders: Vec<ChunkOrder> = chunks.par_iter().map(|chunk| layout.split(chunk)).collect();
+        let mut map = Self {
+            reach: *reach,
+            cell_size,
+            cells_per_unit: layout.cells_per_unit,
+            row_shift: shift.min(ROW_BITS),
+            starts: vec![0; buckets + 1],
+            positions: vec![[0.0; 3]; total],
+            directions: vec![0; total],
+            weights: vec![Spectrum::ZERO; total],
+            normals: vec![0; total],
+            edges: vec![0; total],
+        };
+        let tasks = map.tasks(&orders, &layout);
+        tasks
             .into_par_iter()
-            .map(|chunk| sort_by_part(&chunk, cells_per_unit, mask, buckets_per_part))
-            .collect();
+            .for_each(|task| task.fill(&layout, chunks, &orders));
+        map.starts[buckets] = total as u32;
+        map
+    }
 
-        let mut places = vec![Place::default(); total];
-        let mut payloads = vec![Payload::default(); total];
-        let mut starts = vec![0; buckets + 1];
-        let mut tasks = Vec::with_capacity(PARTS);
-        let (mut places_left, mut payloads_left) = (places.as_mut_slice(), payloads.as_mut_slice());
+    /// Cuts the arrays into parts.
+    fn tasks(&mut self, orders: &[ChunkOrder], layout: &Layout) -> Vec<PartTask<'_>> {
+        let mut rest = Arrays {
+            positions: &mut self.positions,
+            directions: &mut self.directions,
+            weights: &mut self.weights,
+            normals: &mut self.normals,
+            edges: &mut self.edges,
+        };
+        let buckets = self.starts.len() - 1;
         let mut first = 0;
-        for (part, starts) in starts[..buckets].chunks_exact_mut(buckets_per_part).enumerate() {
-            let size = sorted
+        let mut tasks = Vec::with_capacity(PARTS);
+        for (part, starts) in self.starts[..buckets]
+            .chunks_exact_mut(layout.buckets_per_part)
+            .enumerate()
+        {
+            let size = orders
                 .iter()
                 .map(|c| (c.starts[part + 1] - c.starts[part]) as usize)
                 .sum();
-            let (places, places_rest) = places_left.split_at_mut(size);
-            let (payloads, payloads_rest) = payloads_left.split_at_mut(size);
-            (places_left, payloads_left) = (places_rest, payloads_rest);
+            let (arrays, after) = rest.split_at(size);
+            rest = after;
             tasks.push(PartTask {
                 part,
                 first,
                 starts,
-                places,
-                payloads,
+                arrays,
             });
             first += size as u32;
         }
-        tasks.into_par_iter().for_each(|task| task.sort(&sorted));
-        starts[buckets] = total as u32;
-        Self {
-            radius,
-            cells_per_unit,
-            starts,
-            places,
-            payloads,
-        }
+        tasks
     }
 }
 
-fn sort_by_part(chunk: &[Record], cells_per_unit: f32, mask: u32, buckets_per_part: usize) -> SortedChunk {
-    let buckets: Vec<u32> = chunk
-        .iter()
-        .map(|r| bucket_of(cell(r.position, cells_per_unit), mask))
-        .collect();
-    let part_of = |bucket: u32| bucket as usize / buckets_per_part;
-    let mut starts = vec![0_u32; PARTS + 1];
-    for &bucket in &buckets {
-        starts[part_of(bucket) + 1] += 1;
+impl Layout {
+    /// Orders a chunk by part.
+    fn split(&self, chunk: &[Record]) -> ChunkOrder {
+        let buckets: Vec<u32> = chunk
+            .iter()
+            .map(|r| bucket_of(cell(r.position, self.cells_per_unit), self.mask))
+            .collect();
+        let part_of = |bucket: u32| bucket as usize / self.buckets_per_part;
+        let mut starts = vec![0_u32; PARTS + 1];
+        for &bucket in &buckets {
+            starts[part_of(bucket) + 1] += 1;
+        }
+        for part in 0..PARTS {
+            starts[part + 1] += starts[part];
+        }
+        let mut entries = vec![(0, 0); chunk.len()];
+        let mut next = starts.clone();
+        for (index, &bucket) in buckets.iter().enumerate() {
+            let slot = &mut next[part_of(bucket)];
+            entries[*slot as usize] = (bucket, index as u32);
+            *slot += 1;
+        }
+        ChunkOrder { entries, starts }
     }
-    for part in 0..PARTS {
-        starts[part + 1] += starts[part];
+
+    fn direction_key(&self, record: &Record) -> u32 {
+        self.row_shift.map_or(0, |shift| sort_key(record.direction, shift))
     }
-    let mut order = vec![0_u32; chunk.len()];
-    let mut next = starts.clone();
-    for (index, &bucket) in buckets.iter().enumerate() {
-        let slot = &mut next[part_of(bucket)];
-        order[*slot as usize] = index as u32;
-        *slot += 1;
+}
+
+/// The parts of records, each in an array.
+struct Arrays<'a> {
+    positions: &'a mut [[f32; 3]],
+    directions: &'a mut [u32],
+    weights: &'a mut [Spectrum],
+    normals: &'a mut [u16],
+    edges: &'a mut [u8],
+}
+
+impl<'a> Arrays<'a> {
+    fn split_at(self, size: usize) -> (Self, Self) {
+        let (positions, positions_after) = self.positions.split_at_mut(size);
+        let (directions, directions_after) = self.directions.split_at_mut(size);
+        let (weights, weights_after) = self.weights.split_at_mut(size);
+        let (normals, normals_after) = self.normals.split_at_mut(size);
+        let (edges, edges_after) = self.edges.split_at_mut(size);
+        let before = Self {
+            positions,
+            directions,
+            weights,
+            normals,
+            edges,
+        };
+        let after = Self {
+            positions: positions_after,
+            directions: directions_after,
+            weights: weights_after,
+            normals: normals_after,
+            edges: edges_after,
+        };
+        (before, after)
     }
-    let records = order
-        .into_iter()
-        .map(|i| (buckets[i as usize], chunk[i as usize]))
-        .collect();
-    SortedChunk { records, starts }
+
+    fn set(&mut self, index: usize, record: &Record) {
+        self.positions[index] = record.position.to_array();
+        self.directions[index] = record.direction;
+        self.weights[index] = record.weight;
+        self.normals[index] = record.normal;
+        self.edges[index] = record.edges;
+    }
 }
 
 /// One part of the map, to be filled.
@@ -104,44 +187,36 @@ struct PartTask<'a> {
     /// Records in the parts before.
     first: u32,
     starts: &'a mut [u32],
-    places: &'a mut [Place],
-    payloads: &'a mut [Payload],
+    arrays: Arrays<'a>,
 }
 
 impl PartTask<'_> {
-    fn sort(self, sorted: &[SortedChunk]) {
-        let low = |bucket: u32| bucket as usize & (self.starts.len() - 1);
-        let mut next = vec![0_u32; self.starts.len()];
-        for (bucket, _) in self.records(sorted) {
-            next[low(*bucket)] += 1;
+    fn fill(mut self, layout: &Layout, chunks: &[Vec<Record>], orders: &[ChunkOrder]) {
+        let mut keys: Vec<(u64, u64)> = Vec::with_capacity(self.arrays.positions.len());
+        for (chunk, order) in orders.iter().enumerate() {
+            for &(bucket, index) in
+                &order.entries[order.starts[self.part] as usize..order.starts[self.part + 1] as usize]
+            {
+                let key = layout.direction_key(&chunks[chunk][index as usize]);
+                keys.push((
+                    u64::from(bucket) << 32 | u64::from(key),
+                    (chunk as u64) << 32 | u64::from(index),
+                ));
+            }
         }
-        let mut sum = 0;
-        for slot in &mut next {
-            sum += std::mem::replace(slot, sum);
+        keys.sort_unstable();
+        let first_bucket = self.part * layout.buckets_per_part;
+        let mut sorted = keys.iter().enumerate().peekable();
+        for (offset, start) in self.starts.iter_mut().enumerate() {
+            while sorted
+                .next_if(|(_, (key, _))| ((key >> 32) as usize) < first_bucket + offset)
+                .is_some()
+            {}
+            *start = self.first + sorted.peek().map_or(keys.len(), |(index, _)| *index) as u32;
         }
-        for (bucket, record) in self.records(sorted) {
-            let slot = &mut next[low(*bucket)];
-            self.places[*slot as usize] = Place {
-                position: record.position.to_array(),
-                direction: encode_direction(record.direction),
-            };
-            self.payloads[*slot as usize] = Payload {
-                weight: record.weight,
-                edges: record.edges,
-            };
-            *slot += 1;
+        for (slot, &(_, place)) in keys.iter().enumerate() {
+            self.arrays
+                .set(slot, &chunks[(place >> 32) as usize][place as u32 as usize]);
         }
-        let mut start = self.first;
-        for (slot, end) in self.starts.iter_mut().zip(next) {
-            *slot = start;
-            start = self.first + end;
-        }
-    }
-
-    fn records<'b>(&self, sorted: &'b [SortedChunk]) -> impl Iterator<Item = &'b (u32, Record)> + use<'b> {
-        let part = self.part;
-        sorted
-            .iter()
-            .flat_map(move |c| &c.records[c.starts[part] as usize..c.starts[part + 1] as usize])
     }
 }

@@ -1,28 +1,264 @@
+//! Unit directions in 32 bits, by the face of a cube and the place on it, and the part of the cube that a cone covers.
+
 use crate::math::Vec3;
 
-/// Largest value of a coordinate.
-const SCALE: f32 = 32767.0;
+/// Bits of the coordinate along a row of a face.
+const COLUMN_BITS: u32 = 15;
+/// Bits of the coordinate across the rows of a face.
+pub(super) const ROW_BITS: u32 = 14;
+const COLUMNS: f32 = (1u32 << COLUMN_BITS) as f32;
+const ROWS: f32 = (1u32 << ROW_BITS) as f32;
 
-/// A unit direction in 32 bits: octahedral map (Cigolle et al. 2014), 16 bits a coordinate.
+/// Above this sine of its half angle a cone is not narrowed down: it covers most of the faces it touches.
+const WIDE: f32 = 0.94;
+
+/// A unit direction in 32 bits: face of the cube (3 bits), row (14 bits) and column (15 bits) of the gnomonic projection.
 #[must_use]
 pub fn encode_direction(d: Vec3) -> u32 {
-    let d = d / (d.x.abs() + d.y.abs() + d.z.abs());
-    let (x, y) = if d.z >= 0.0 { (d.x, d.y) } else { fold(d.x, d.y) };
-    let quantise = |v: f32| u32::from((v * SCALE).round() as i16 as u16);
-    quantise(x) << 16 | quantise(y)
+    let (x, y, z) = (d.x.abs(), d.y.abs(), d.z.abs());
+    let axis = if x >= y && x >= z { 0 } else { 1 + u32::from(z > y) };
+    let [along, across, height] = on_axis(d, axis);
+    let face = 2 * axis + u32::from(height < 0.0);
+    let inverse = 1.0 / height.abs();
+    face << (ROW_BITS + COLUMN_BITS) | row(across * inverse) << COLUMN_BITS | column(along * inverse)
 }
 
 /// The unit direction of [`encode_direction`], to about 7e-5 radians.
 #[must_use]
 pub fn decode_direction(code: u32) -> Vec3 {
-    let restore = |bits: u32| f32::from(bits as u16 as i16) / SCALE;
-    let (x, y) = (restore(code >> 16), restore(code));
-    let z = 1.0 - x.abs() - y.abs();
-    let (x, y) = if z >= 0.0 { (x, y) } else { fold(x, y) };
-    Vec3::new(x, y, z).normalize()
+    let along = ((code & ((1 << COLUMN_BITS) - 1)) as f32 + 0.5) * (2.0 / COLUMNS) - 1.0;
+    let across = ((code >> COLUMN_BITS & ((1 << ROW_BITS) - 1)) as f32 + 0.5) * (2.0 / ROWS) - 1.0;
+    let scale = 1.0 / (1.0 + along * along + across * across).sqrt();
+    let face = code >> (ROW_BITS + COLUMN_BITS);
+    let (along, across, height) = (
+        along * scale,
+        across * scale,
+        if face & 1 == 0 { scale } else { -scale },
+    );
+    match face >> 1 {
+        0 => Vec3::new(height, along, across),
+        1 => Vec3::new(across, height, along),
+        _ => Vec3::new(along, across, height),
+    }
 }
 
-/// Folds the lower half of the octahedron over the corners of the square.
-fn fold(x: f32, y: f32) -> (f32, f32) {
-    ((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y))
+/// Coordinates of `d` along the rows of the faces of `axis`, across them, and along the axis.
+fn on_axis(d: Vec3, axis: u32) -> [f32; 3] {
+    match axis {
+        0 => [d.y, d.z, d.x],
+        1 => [d.z, d.x, d.y],
+        _ => [d.x, d.y, d.z],
+    }
+}
+
+fn column(along: f32) -> u32 {
+    ((along + 1.0) * (0.5 * COLUMNS)).clamp(0.0, COLUMNS - 1.0) as u32
+}
+
+fn row(across: f32) -> u32 {
+    ((across + 1.0) * (0.5 * ROWS)).clamp(0.0, ROWS - 1.0) as u32
+}
+
+/// Sort key of a direction: rows of `2^shift` quantised rows, face by face, and in each the column.
+pub(super) fn sort_key(code: u32, shift: u32) -> u32 {
+    let column = code & ((1 << COLUMN_BITS) - 1);
+    (code >> COLUMN_BITS >> shift) << COLUMN_BITS | column
+}
+
+/// A rectangle on a face of the cube; both ends of its ranges belong to it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Window {
+    face: u32,
+    rows: [u32; 2],
+    columns: [u32; 2],
+}
+
+impl Window {
+    /// Ranges of sort keys, one a row of `2^shift` quantised rows, both ends included.
+    pub(super) fn keys(&self, shift: u32) -> impl Iterator<Item = [u32; 2]> + use<> {
+        let face = self.face << ROW_BITS;
+        let columns = self.columns;
+        ((face | self.rows[0]) >> shift..=(face | self.rows[1]) >> shift)
+            .map(move |row| columns.map(|column| row << COLUMN_BITS | column))
+    }
+}
+
+/// Square cells of directions that cover a cone: for each face rows and columns, both ends of their ranges included.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct CellWindows {
+    faces: [[[u32; 2]; 2]; 6],
+    count: usize,
+}
+
+impl CellWindows {
+    pub(super) fn for_each(&self, mut visit: impl FnMut(u32)) {
+        for [rows, columns] in &self.faces[..self.count] {
+            for row in rows[0]..=rows[1] {
+                for column in columns[0]..=columns[1] {
+                    visit(row << COLUMN_BITS | column);
+                }
+            }
+        }
+    }
+}
+
+/// The cell of [`CellWindows`] with sides of `2^shift` quantised rows that a direction lies in.
+pub(super) fn direction_cell(code: u32, shift: u32) -> u32 {
+    let column = code & ((1 << COLUMN_BITS) - 1);
+    (code >> COLUMN_BITS >> shift) << COLUMN_BITS | column >> (shift + COLUMN_BITS - ROW_BITS)
+}
+
+/// The shift for which the height of `2^shift` quantised rows is at most the gnomonic radius of a cone of half angle `theta`
+/// [radians] about a face's centre, and more than half of it.
+pub(super) fn row_shift(sin_theta: f32) -> u32 {
+    let sin = sin_theta.min(WIDE);
+    let radius = sin / (1.0 - sin * sin).sqrt();
+    let mut shift = 0;
+    while shift < ROW_BITS && (2u32 << shift) as f32 * (2.0 / ROWS) <= radius {
+        shift += 1;
+    }
+    shift
+}
+
+/// Rectangles on the faces of the cube that together cover a cone of directions.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Windows {
+    windows: [Window; 6],
+    count: usize,
+}
+
+impl Windows {
+    /// Covers the directions whose angle with the unit vector `direction` has a sine below `sin_theta`, on its side.
+    pub(super) fn around(direction: Vec3, sin_theta: f32) -> Self {
+        let mut covered = Self {
+            windows: [Window::default(); 6],
+            count: 0,
+        };
+        for face in 0..6 {
+            let [along, across, height] = on_axis(direction, face >> 1);
+            let height = if face & 1 == 0 { height } else { -height };
+            let ranges = if sin_theta >= WIDE {
+                Some(([-1.0, 1.0], [-1.0, 1.0]))
+            } else {
+                slopes(across, height, sin_theta).zip(slopes(along, height, sin_theta))
+            };
+            if let Some((across, along)) = ranges {
+                covered.windows[covered.count] = Window {
+                    face,
+                    rows: [
+                        row(across[0]).saturating_sub(1),
+                        (row(across[1]) + 1).min(ROWS as u32 - 1),
+                    ],
+                    columns: [
+                        column(along[0]).saturating_sub(1),
+                        (column(along[1]) + 1).min(COLUMNS as u32 - 1),
+                    ],
+                };
+                covered.count += 1;
+            }
+        }
+        covered
+    }
+
+    /// The square cells, with sides of `2^shift` quantised rows, that the rectangles touch.
+    pub(super) fn cells(&self, shift: u32) -> CellWindows {
+        let column_shift = shift + COLUMN_BITS - ROW_BITS;
+        let mut cells = CellWindows {
+            count: self.count,
+            ..CellWindows::default()
+        };
+        for (cells, window) in cells.faces.iter_mut().zip(self.as_slice()) {
+            let rows = window.rows.map(|row| (window.face << ROW_BITS | row) >> shift);
+            *cells = [rows, window.columns.map(|column| column >> column_shift)];
+        }
+        cells
+    }
+
+    pub(super) fn as_slice(&self) -> &[Window] {
+        &self.windows[..self.count]
+    }
+}
+
+/// Range of `side / height` over the part of a cone with `height > 0`, cut to [-1, 1]; `None` where nothing is left. The
+/// cone's axis has the components `side` and `height` in the plane of projection: there the cone is a wedge.
+fn slopes(side: f32, height: f32, sin_theta: f32) -> Option<[f32; 2]> {
+    /// Widening against rounding.
+    const MARGIN: f32 = 1e-5;
+    let length2 = side * side + height * height;
+    if length2 <= sin_theta * sin_theta {
+        return Some([-1.0, 1.0]);
+    }
+    let sin = sin_theta / length2.sqrt();
+    let cos = (1.0 - sin * sin).sqrt();
+    let (low_side, low_height) = (side * cos - height * sin, height * cos + side * sin);
+    let (high_side, high_height) = (side * cos + height * sin, height * cos - side * sin);
+    if low_height <= 0.0 && high_height <= 0.0 {
+        return None;
+    }
+    let low = if low_height > 0.0 { low_side / low_height } else { -1.0 };
+    let high = if high_height > 0.0 {
+        high_side / high_height
+    } else {
+        1.0
+    };
+    let (low, high) = (low - MARGIN, high + MARGIN);
+    (low <= 1.0 && high >= -1.0).then(|| [low.max(-1.0), high.min(1.0)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sin;
+    use crate::math::warp::square_to_sphere;
+    use crate::random::{PathRandom, Stream};
+
+    fn direction(i: u64) -> Vec3 {
+        square_to_sphere(PathRandom::new(9, 1, Stream::Light, i).next_2d())
+    }
+
+    fn axes() -> [Vec3; 6] {
+        [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z]
+    }
+
+    #[test]
+    fn directions_survive_coding() {
+        for direction in axes().into_iter().chain((0..10_000).map(direction)) {
+            let error = (decode_direction(encode_direction(direction)) - direction).length();
+            assert!(error < 7e-5, "{direction}: off by {error}");
+        }
+    }
+
+    #[test]
+    fn windows_hold_every_direction_of_the_cone() {
+        let mut inside = 0;
+        for theta in [0.004_f32, 0.05, 0.3, 0.8, 1.1, 1.3] {
+            let sin_theta = sin(theta);
+            for i in 0..200 {
+                let axis = if i < 6 { axes()[i as usize] } else { direction(i) };
+                let windows = Windows::around(axis, sin_theta);
+                for j in 0..200 {
+                    let offset = 1.5 * theta * PathRandom::new(3, 1, Stream::Camera, j).next_1d();
+                    let other = (axis + offset * direction(1000 + 200 * i + j)).normalize();
+                    let code = encode_direction(other);
+                    let decoded = decode_direction(code);
+                    if axis.cross(decoded).length() >= sin_theta || axis.dot(decoded) < 0.0 {
+                        continue;
+                    }
+                    inside += 1;
+                    for shift in [row_shift(sin_theta), row_shift(sin_theta) / 2 + 5] {
+                        let key = sort_key(code, shift);
+                        let cell = direction_cell(code, shift);
+                        let found = |w: &Window| w.keys(shift).any(|[low, high]| low <= key && key <= high);
+                        let mut marked = false;
+                        windows.cells(shift).for_each(|c| marked |= c == cell);
+                        assert!(
+                            marked && windows.as_slice().iter().any(found),
+                            "{other} within {theta} of {axis}"
+                        );
+                    }
+                }
+            }
+        }
+        assert!(inside > 50_000, "the test looks at something: {inside}");
+    }
 }

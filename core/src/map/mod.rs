@@ -1,83 +1,173 @@
-//! The map that photons and cones are found in: records sorted by position cell, built for one bandwidth.
+//! The map that photons and cones are found in: records sorted by cell of position, and in each cell by direction.
 //!
-//! The iteration's bandwidth is one global number, so the map is a hashed grid of cells two bandwidths wide: a query
-//! reads at most eight cells. Records themselves are stored in cell order, in two arrays: what every candidate is
-//! tested by (16 bytes), and what only a counted one needs (16 bytes). Order within a cell is the order of light
-//! paths, whatever the number of threads.
+//! The iteration's bandwidth is one global number for all queries, so the map is built for it: a hashed grid of cells as
+//! wide as a few tenths more than the radius. Within a cell records are sorted by rows of directions and along each row, so
+//! that a query finds those that point its way by bisection and reads few others. Records are stored in that order, an
+//! array for each of their parts. Order depends on the records alone, whatever the number of threads; a record that no query
+//! asks for changes nothing for the others.
 
 mod build;
 mod direction;
+mod occupancy;
 
 pub use direction::{decode_direction, encode_direction};
+pub use occupancy::Occupancy;
 
-use crate::math::Vec3;
+use crate::math::{PI, Vec3, sin, warp::one_minus_cos};
 use crate::spectrum::Spectrum;
+use direction::{Windows, sort_key};
 
 /// A photon or a cone, as light paths produce it.
 #[derive(Clone, Copy, Debug)]
 pub struct Record {
     /// Where [scene units].
     pub position: Vec3,
-    /// Unit direction, away from the surface: where the photon came from, or where the cone's radiance goes.
-    pub direction: Vec3,
     /// Flux [W] of a photon; flux times BSDF over density [W/sr] of a cone.
     pub weight: Spectrum,
-    /// Edges of the light path up to here.
-    pub edges: u32,
-}
-
-/// What a query tests.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Place {
-    position: [f32; 3],
     direction: u32,
+    normal: u16,
+    edges: u8,
 }
 
-/// What a query adds up.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Payload {
-    weight: Spectrum,
-    edges: u32,
+impl Record {
+    /// A record on a surface of geometric normal `normal`. `direction` is a unit vector away from the surface: where a photon
+    /// came from, or where a cone's radiance goes. `edges` counts the light path's edges up to here; above 254 they are not
+    /// told apart.
+    #[must_use]
+    pub fn new(position: Vec3, normal: Vec3, direction: Vec3, weight: Spectrum, edges: u32) -> Self {
+        Self {
+            position,
+            weight,
+            direction: encode_direction(direction),
+            normal: (encode_direction(normal) >> 16) as u16,
+            edges: count_edges(edges),
+        }
+    }
+
+    /// Unit direction, to about 7e-5 radians: what queries see.
+    #[must_use]
+    pub fn direction(&self) -> Vec3 {
+        decode_direction(self.direction)
+    }
+
+    /// Edges of the light path up to the record.
+    #[must_use]
+    pub fn edges(&self) -> u8 {
+        self.edges
+    }
 }
 
-/// Records sorted by cell.
+/// A number of edges as records keep it: 255 stands for more.
+#[must_use]
+pub fn count_edges(edges: u32) -> u8 {
+    u8::try_from(edges).unwrap_or(u8::MAX)
+}
+
+/// How far a query reaches in position and direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Reach {
+    radius: f32,
+    /// Squared distance on the unit sphere of two directions `theta` apart: `2 (1 - cos theta)`.
+    chord2: f32,
+    /// Sine of the angle; 1 from a right angle on.
+    sin_theta: f32,
+}
+
+impl Reach {
+    /// Within `radius` [scene units] and the angle `theta` [radians]; pi: in every direction.
+    #[must_use]
+    pub fn new(radius: f32, theta: f32) -> Self {
+        Self {
+            radius,
+            chord2: if theta < PI {
+                2.0 * one_minus_cos(theta)
+            } else {
+                f32::INFINITY
+            },
+            sin_theta: if theta < 0.5 * PI { sin(theta) } else { 1.0 },
+        }
+    }
+
+    /// Radius [scene units].
+    #[must_use]
+    pub fn radius(&self) -> f32 {
+        self.radius
+    }
+
+    /// `2 (1 - cos theta)`, infinite for every direction.
+    #[must_use]
+    pub fn chord2(&self) -> f32 {
+        self.chord2
+    }
+
+    fn is_omnidirectional(&self) -> bool {
+        self.chord2 == f32::INFINITY
+    }
+}
+
+/// Records sorted by cell and direction.
 #[derive(Debug)]
 pub struct RecordMap {
-    radius: f32,
+    reach: Reach,
+    cell_size: f32,
     cells_per_unit: f32,
+    /// Rows of directions are sorted in groups of `2^row_shift`.
+    row_shift: u32,
     /// `starts[b]..starts[b + 1]` are the records of bucket `b`.
     starts: Vec<u32>,
-    places: Vec<Place>,
-    payloads: Vec<Payload>,
+    positions: Vec<[f32; 3]>,
+    directions: Vec<u32>,
+    weights: Vec<Spectrum>,
+    normals: Vec<u16>,
+    edges: Vec<u8>,
 }
 
 /// Most records a map holds: indices are 32 bits wide.
 pub const MAX_RECORDS: usize = u32::MAX as usize;
 
-/// A record within a query's radius.
+/// Side of a cell over the radius: smaller cells make a query read fewer records in more places.
+const CELL_OVER_RADIUS: f32 = 1.25;
+
+/// A record within a query's reach.
 #[derive(Clone, Copy, Debug)]
 pub struct Neighbour<'a> {
-    place: &'a Place,
-    payload: &'a Payload,
+    map: &'a RecordMap,
+    index: usize,
+    /// Squared distance from the query.
+    pub distance2: f32,
+    /// Squared distance on the unit sphere between the query's direction and the record's.
+    pub chord2: f32,
 }
 
 impl Neighbour<'_> {
+    /// Position [scene units].
+    #[must_use]
+    pub fn position(&self) -> Vec3 {
+        Vec3::from_array(self.map.positions[self.index])
+    }
+
     /// Unit direction, to about 7e-5 radians.
     #[must_use]
     pub fn direction(&self) -> Vec3 {
-        decode_direction(self.place.direction)
+        decode_direction(self.map.directions[self.index])
+    }
+
+    /// Geometric normal, to about a degree.
+    #[must_use]
+    pub fn normal(&self) -> Vec3 {
+        decode_direction(u32::from(self.map.normals[self.index]) << 16 | 1 << 15)
     }
 
     /// Flux of the photon, or weight of the cone.
     #[must_use]
     pub fn weight(&self) -> Spectrum {
-        self.payload.weight
+        self.map.weights[self.index]
     }
 
     /// Edges of the light path up to the record.
     #[must_use]
-    pub fn edges(&self) -> u32 {
-        self.payload.edges
+    pub fn edges(&self) -> u8 {
+        self.map.edges[self.index]
     }
 }
 
@@ -85,72 +175,119 @@ impl RecordMap {
     /// Number of records.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.places.len()
+        self.positions.len()
     }
 
     /// Whether there are no records.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.places.is_empty()
+        self.positions.is_empty()
     }
 
-    /// Calls `visit` for each record closer to `center` than the map's radius, in an order that depends on the records
-    /// alone. Returns how many records were read.
-    pub fn query<'a>(&'a self, center: Vec3, mut visit: impl FnMut(Neighbour<'a>)) -> u64 {
-        let radius2 = self.radius * self.radius;
-        let (buckets, count) = self.buckets_around(center);
+    /// Memory that the records and their directory take [bytes].
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.starts)
+            + size_of_val(&*self.positions)
+            + size_of_val(&*self.directions)
+            + size_of_val(&*self.weights)
+            + size_of_val(&*self.normals)
+            + size_of_val(&*self.edges)
+    }
+
+    /// Calls `visit` for each record within `reach` of the position `center` and the unit vector `direction`, in an order that
+    /// depends on the records found alone. `reach` must not exceed the map's. Returns how many records were read.
+    pub fn query<'a>(
+        &'a self,
+        center: Vec3,
+        direction: Vec3,
+        reach: &Reach,
+        mut visit: impl FnMut(Neighbour<'a>),
+    ) -> u64 {
+        let windows = Windows::around(direction, reach.sin_theta);
+        let everywhere = self.reach.is_omnidirectional();
         let mut read = 0;
-        for &bucket in &buckets[..count] {
-            let range = self.starts[bucket as usize] as usize..self.starts[bucket as usize + 1] as usize;
-            read += range.len() as u64;
-            let places = &self.places[range.clone()];
-            let payloads = &self.payloads[range];
-            for (place, payload) in places.iter().zip(payloads) {
-                let [dx, dy, dz] = [
-                    place.position[0] - center.x,
-                    place.position[1] - center.y,
-                    place.position[2] - center.z,
-                ];
-                if dx * dx + dy * dy + dz * dz < radius2 {
-                    visit(Neighbour { place, payload });
+        self.cells_around(center, reach.radius, |cell| {
+            let bucket = bucket_of(cell, self.starts.len() as u32 - 2) as usize;
+            let range = self.starts[bucket] as usize..self.starts[bucket + 1] as usize;
+            if range.is_empty() {
+                return;
+            }
+            let mut test = |index: usize| {
+                read += 1;
+                let position = Vec3::from_array(self.positions[index]);
+                let distance2 = (position - center).length_squared();
+                if distance2 >= reach.radius * reach.radius {
+                    return;
+                }
+                let chord2 = (decode_direction(self.directions[index]) - direction).length_squared();
+                if chord2 < reach.chord2 && self.cell(position) == cell {
+                    visit(Neighbour {
+                        map: self,
+                        index,
+                        distance2,
+                        chord2,
+                    });
+                }
+            };
+            if everywhere {
+                range.for_each(test);
+                return;
+            }
+            for window in windows.as_slice() {
+                let mut from = range.start;
+                for [low, high] in window.keys(self.row_shift) {
+                    let rest = &self.directions[from..range.end];
+                    from += rest.partition_point(|code| sort_key(*code, self.row_shift) < low);
+                    while from < range.end && sort_key(self.directions[from], self.row_shift) <= high {
+                        test(from);
+                        from += 1;
+                    }
                 }
             }
-        }
+        });
         read
     }
 
-    /// The distinct buckets of the eight cells that the query's sphere can touch. Cells may share a bucket; visiting it
-    /// once is what keeps a record from being counted twice.
-    fn buckets_around(&self, center: Vec3) -> ([u32; 8], usize) {
-        let low = cell(center - Vec3::splat(self.radius), self.cells_per_unit);
-        let high = cell(center + Vec3::splat(self.radius), self.cells_per_unit);
-        let mut buckets = [0; 8];
-        let mut count = 0;
-        for z in low[2]..=high[2].min(low[2] + 1) {
-            for y in low[1]..=high[1].min(low[1] + 1) {
-                for x in low[0]..=high[0].min(low[0] + 1) {
-                    let bucket = self.bucket([x, y, z]);
-                    if !buckets[..count].contains(&bucket) {
-                        buckets[count] = bucket;
-                        count += 1;
+    /// Calls `visit` for each cell that the sphere about `center` can touch.
+    fn cells_around(&self, center: Vec3, radius: f32, mut visit: impl FnMut([i32; 3])) {
+        let low = self.cell(center - Vec3::splat(radius));
+        let high = self.cell(center + Vec3::splat(radius));
+        // Rounding of the cells' corners.
+        let slack = 8.0 * f32::EPSILON * (center.abs().max_element() + radius);
+        let radius2 = (radius + slack) * (radius + slack);
+        let gap2 = |cell: i32, axis: usize| {
+            let start = cell as f32 * self.cell_size;
+            let gap = (start - center[axis])
+                .max(center[axis] - start - self.cell_size)
+                .max(0.0);
+            gap * gap
+        };
+        for z in low[2]..=high[2].min(low[2] + 2) {
+            let gap_z = gap2(z, 2);
+            for y in low[1]..=high[1].min(low[1] + 2) {
+                let gap_yz = gap_z + gap2(y, 1);
+                for x in low[0]..=high[0].min(low[0] + 2) {
+                    if gap_yz + gap2(x, 0) <= radius2 {
+                        visit([x, y, z]);
                     }
                 }
             }
         }
-        (buckets, count)
     }
 
-    fn bucket(&self, cell: [i32; 3]) -> u32 {
-        bucket_of(cell, self.starts.len() as u32 - 2)
+    /// Cell coordinates of a position.
+    fn cell(&self, position: Vec3) -> [i32; 3] {
+        cell(position, self.cells_per_unit)
     }
 }
 
-/// Cell coordinates of a position; saturating at the ends of `i32`.
+/// Cell coordinates of a position; saturating near the ends of `i32`.
 fn cell(position: Vec3, cells_per_unit: f32) -> [i32; 3] {
     (position * cells_per_unit)
         .floor()
         .to_array()
-        .map(|c| (c as i32).clamp(i32::MIN + 1, i32::MAX - 1))
+        .map(|c| (c as i32).clamp(i32::MIN + 4, i32::MAX - 4))
 }
 
 /// Bucket of a cell; `mask` is the number of buckets, a power of two, less one. Cells that are neighbours along x have

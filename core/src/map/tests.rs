@@ -9,72 +9,131 @@ fn records(count: u64, extent: f32) -> Vec<Record> {
             let position = Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * extent
                 - Vec3::splat(extent / 2.0);
             let direction = square_to_sphere(random.next_2d());
-            Record {
-                position,
-                direction,
-                weight: Spectrum::splat(i as f32),
-                edges: i as u32,
-            }
+            Record::new(position, Vec3::Z, direction, Spectrum::splat(i as f32), i as u32)
         })
         .collect()
 }
 
-fn found(map: &RecordMap, center: Vec3) -> Vec<u32> {
-    let mut edges = Vec::new();
-    let read = map.query(center, |n| edges.push(n.edges()));
-    assert!(read >= edges.len() as u64);
-    edges
+/// Indices of the records found, and how many were read.
+fn found(map: &RecordMap, center: Vec3, direction: Vec3, reach: &Reach) -> (Vec<u32>, u64) {
+    let mut indices = Vec::new();
+    let read = map.query(center, direction, reach, |n| indices.push(n.weight().mean() as u32));
+    assert!(read >= indices.len() as u64);
+    (indices, read)
+}
+
+fn chunked(all: &[Record], size: usize) -> Vec<Vec<Record>> {
+    all.chunks(size).map(<[_]>::to_vec).collect()
 }
 
 #[test]
-fn a_query_finds_each_record_within_the_radius_once_and_no_other() {
+fn a_query_finds_each_record_in_reach_once_and_no_other() {
     let all = records(20_000, 10.0);
-    let radius = 0.21;
-    let map = RecordMap::build(all.chunks(777).map(<[_]>::to_vec).collect(), radius);
-    let mut hits = 0;
-    for i in 0..500 {
-        let mut random = PathRandom::new(8, 1, Stream::Camera, i);
-        let center = Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * 10.0 - Vec3::splat(5.0);
-        let mut got = found(&map, center);
-        got.sort_unstable();
-        let expected: Vec<u32> = all
-            .iter()
-            .filter(|r| (r.position - center).length_squared() < radius * radius)
-            .map(|r| r.edges)
-            .collect();
-        assert_eq!(got, expected);
-        hits += got.len();
+    for (radius, theta, least) in [(0.21, PI, 500), (0.5, 0.3, 80), (1.0, 0.05, 8), (0.6, 1.4, 500)] {
+        let reach = Reach::new(radius, theta);
+        let narrower = Reach::new(0.7 * radius, (0.6 * theta).min(1.0));
+        let map = RecordMap::build(&chunked(&all, 777), &reach);
+        let mut hits = 0;
+        for i in 0..500 {
+            let mut random = PathRandom::new(8, 1, Stream::Camera, i);
+            let center =
+                Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * 10.0 - Vec3::splat(5.0);
+            let direction = square_to_sphere(random.next_2d());
+            for reach in [reach, narrower] {
+                let (mut got, _) = found(&map, center, direction, &reach);
+                got.sort_unstable();
+                let inside = |r: &&Record| {
+                    (r.position - center).length_squared() < reach.radius * reach.radius
+                        && (r.direction() - direction).length_squared() < reach.chord2
+                };
+                let expected: Vec<u32> = all.iter().filter(inside).map(|r| r.weight.mean() as u32).collect();
+                assert_eq!(got, expected);
+                hits += got.len();
+            }
+        }
+        assert!(hits > least, "the test looks at something: {hits}");
     }
-    assert!(hits > 500, "the test looks at something: {hits}");
 }
 
 #[test]
 fn order_does_not_depend_on_chunks_or_threads() {
     let all = records(5_000, 2.0);
+    let reach = Reach::new(0.3, 0.5);
     let build = |size: usize, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| RecordMap::build(all.chunks(size).map(<[_]>::to_vec).collect(), 0.3))
+        pool.install(|| RecordMap::build(&chunked(&all, size), &reach))
     };
     let (one, seven) = (build(5_000, 1), build(97, 7));
     for i in 0..50 {
-        let center = all[i * 91].position;
-        assert_eq!(found(&one, center), found(&seven, center));
+        let (center, direction) = (all[i * 91].position, all[i * 91].direction());
+        assert_eq!(
+            found(&one, center, direction, &reach),
+            found(&seven, center, direction, &reach)
+        );
+    }
+}
+
+#[test]
+fn what_occupancy_drops_changes_neither_what_is_found_nor_its_order() {
+    let all = records(20_000, 4.0);
+    let reach = Reach::new(0.3, 0.4);
+    let queries: Vec<(Vec3, Vec3)> = records(12, 3.9)
+        .iter()
+        .map(|r| (r.position + Vec3::splat(0.01), r.direction()))
+        .collect();
+    let occupancy = Occupancy::new(&reach, queries.len());
+    let mut last = Default::default();
+    for (center, direction) in &queries {
+        occupancy.mark(*center, *direction, &mut last);
+    }
+    let kept: Vec<Record> = all
+        .iter()
+        .copied()
+        .filter(|r| occupancy.may_count_at(r.position) && occupancy.may_count(r.position, r.direction()))
+        .collect();
+    assert!(kept.len() < all.len() / 4, "most are dropped: {} are left", kept.len());
+    let (whole, culled) = (
+        RecordMap::build(&chunked(&all, 999), &reach),
+        RecordMap::build(&chunked(&kept, 999), &reach),
+    );
+    let mut hits = 0;
+    for (center, direction) in queries {
+        let (expected, _) = found(&whole, center, direction, &reach);
+        assert_eq!(found(&culled, center, direction, &reach).0, expected);
+        hits += expected.len();
+    }
+    assert!(hits > 20, "the test looks at something: {hits}");
+}
+
+#[test]
+fn a_query_reads_few_records_that_do_not_count() {
+    let flat: Vec<Record> = (0..400_000)
+        .map(|i| {
+            let mut random = PathRandom::new(7, 1, Stream::Light, i);
+            let position = Vec3::new(random.next_1d(), random.next_1d(), 0.0);
+            let direction = square_to_sphere(random.next_2d());
+            Record::new(position, Vec3::Z, direction, Spectrum::ONE, 1)
+        })
+        .collect();
+    for (radius, theta) in [(0.05, 0.3), (0.02, 0.1)] {
+        let reach = Reach::new(radius, theta);
+        let map = RecordMap::build(&chunked(&flat, 4096), &reach);
+        let (mut counted, mut read) = (0, 0);
+        for query in flat.iter().step_by(400) {
+            let (indices, r) = found(&map, query.position, query.direction(), &reach);
+            (counted, read) = (counted + indices.len(), read + r as usize);
+        }
+        let ratio = read as f64 / counted as f64;
+        println!("radius {radius}, theta {theta}: {ratio:.2} read for each counted, {counted} counted");
+        assert!(ratio < 8.0, "{ratio}");
+        assert!(map.bytes() <= 32 * flat.len(), "{} bytes", map.bytes());
     }
 }
 
 #[test]
 fn an_empty_map_finds_nothing() {
-    let map = RecordMap::build(Vec::new(), 1.0);
+    let reach = Reach::new(1.0, 0.5);
+    let map = RecordMap::build(&[], &reach);
     assert!(map.is_empty());
-    assert!(found(&map, Vec3::ZERO).is_empty());
-}
-
-#[test]
-fn directions_survive_coding() {
-    let axes = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
-    let random = (0..10_000).map(|i| square_to_sphere(PathRandom::new(9, 1, Stream::Light, i).next_2d()));
-    for direction in axes.into_iter().chain(random) {
-        let error = (decode_direction(encode_direction(direction)) - direction).length();
-        assert!(error < 7e-5, "{direction}: off by {error}");
-    }
+    assert!(found(&map, Vec3::ZERO, Vec3::Z, &reach).0.is_empty());
 }

@@ -1,13 +1,7 @@
-//! Where a cone points: the direction samplers of PCF (thesis, section 4.2), combined by the power heuristic (4.3).
+//! Cones that point to the camera.
 
-use super::camera_path::power_heuristic;
-use super::light_path::Arrival;
-use crate::map::Record;
 use crate::math::{Frame, PI, TAU, Vec2, Vec3, exp, pow, safe_sqrt, sin, sin_cos, warp::one_minus_cos};
-use crate::random::PathRandom;
 use crate::sensor::{Sensor, Towards};
-use crate::settings::DirectionSampler;
-use crate::spectrum::Spectrum;
 
 /// A normalised lobe `(n + 1) / (2 pi) cos^n` about the direction to the camera; what falls below the surface is mirrored
 /// at it, so that the density stays exact (thesis, section 4.2.2).
@@ -26,7 +20,7 @@ impl<'a> CameraLobe<'a> {
     ///
     /// The mean of `1 - cos` over the lobe, `1 / (n + 2)`, is that over the cone around all that counts, `(1 - cos theta) / 2`.
     /// Where a lens reaches through the tangent plane both sides count, and nothing is mirrored.
-    fn at(&self, position: Vec3, normal: Vec3) -> Option<LobeAt> {
+    pub(super) fn at(&self, position: Vec3, normal: Vec3) -> Option<LobeAt> {
         let Towards { direction, lens_angle } = self.camera.direction_from(position)?;
         let height = direction.dot(normal);
         let on_one_side = lens_angle < 0.5 * PI && height.abs() >= sin(lens_angle);
@@ -39,7 +33,7 @@ impl<'a> CameraLobe<'a> {
 }
 
 /// A camera lobe at a surface point.
-struct LobeAt {
+pub(super) struct LobeAt {
     axis: Vec3,
     /// Geometric normal on the camera's side, at whose plane the lobe is mirrored.
     normal: Option<Vec3>,
@@ -47,7 +41,7 @@ struct LobeAt {
 }
 
 impl LobeAt {
-    fn sample(&self, u: Vec2) -> Vec3 {
+    pub(super) fn sample(&self, u: Vec2) -> Vec3 {
         let cos = pow(1.0 - u.x, 1.0 / (self.exponent + 1.0));
         let (sin_phi, cos_phi) = sin_cos(TAU * u.y);
         let sin = safe_sqrt(1.0 - cos * cos);
@@ -59,7 +53,7 @@ impl LobeAt {
     }
 
     /// Solid-angle density [1/sr].
-    fn pdf(&self, direction: Vec3) -> f32 {
+    pub(super) fn pdf(&self, direction: Vec3) -> f32 {
         match self.normal {
             None => self.lobe(direction),
             Some(normal) if direction.dot(normal) < 0.0 => 0.0,
@@ -78,47 +72,4 @@ impl LobeAt {
 
 fn mirrored(direction: Vec3, normal: Vec3) -> Vec3 {
     direction - 2.0 * direction.dot(normal) * normal
-}
-
-/// Stores the cones of a light path's arrival: one from each sampler, weighted so that together they count once.
-pub(super) fn cones(
-    arrival: &Arrival,
-    samplers: &[DirectionSampler],
-    lobe: &CameraLobe,
-    random: &mut PathRandom,
-    records: &mut Vec<Record>,
-) {
-    let vertex = arrival.vertex;
-    let by_bsdf = samplers.contains(&DirectionSampler::Bsdf);
-    let lobe = if samplers.contains(&DirectionSampler::Camera) && !vertex.is_delta() {
-        lobe.at(vertex.point.position, vertex.point.geometric_normal)
-    } else {
-        None
-    };
-    let mut store = |direction: Vec3, weight: Spectrum| {
-        if !weight.is_black() {
-            records.push(vertex.record(direction, weight, arrival.edges));
-        }
-    };
-    if let Some(scattered) = arrival.scattered.filter(|_| by_bsdf) {
-        let bsdf = &scattered.bsdf;
-        let share = match &lobe {
-            Some(lobe) if !bsdf.delta => power_heuristic(bsdf.pdf, lobe.pdf(scattered.wi)),
-            _ => 1.0,
-        };
-        store(scattered.wi, arrival.flux * bsdf.f * (share / bsdf.pdf));
-    }
-    if let Some(lobe) = &lobe {
-        let direction = lobe.sample(random.next_2d());
-        let f = vertex.eval(direction);
-        let pdf = lobe.pdf(direction);
-        if !f.is_black() && pdf > 0.0 {
-            let share = if by_bsdf {
-                power_heuristic(pdf, vertex.pdf(direction))
-            } else {
-                1.0
-            };
-            store(direction, arrival.flux * f * (share / pdf));
-        }
-    }
 }

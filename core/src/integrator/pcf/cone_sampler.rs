@@ -1,0 +1,149 @@
+//! Where a cone points: the direction samplers of PCF (thesis, section 4.2), combined by the power heuristic (4.3).
+
+use super::camera_lobe::{CameraLobe, LobeAt};
+use super::importons::{Importons, Mixture};
+use crate::integrator::light_path::Arrival;
+use crate::integrator::vertex::Vertex;
+use crate::integrator::{Bandwidth, Job};
+use crate::map::{Occupancy, Record};
+use crate::math::{Vec3, pow, sqr};
+use crate::random::{PathRandom, Stream};
+use crate::settings::{DirectionSampler, PcfSettings};
+use crate::spectrum::Spectrum;
+
+/// Stores the cones of light paths.
+pub(super) struct ConeSampler<'a> {
+    job: &'a Job<'a>,
+    /// Exponent of the power heuristic.
+    beta: f32,
+    bsdf: bool,
+    camera: Option<CameraLobe<'a>>,
+    importons: Option<Importons>,
+}
+
+/// Techniques at a vertex, in the order of [`Techniques::densities`].
+const BSDF: usize = 0;
+const CAMERA: usize = 1;
+const IMPORTON: usize = 2;
+
+/// The samplers in use at a vertex that is not delta.
+struct Techniques<'a, 'v> {
+    vertex: &'v Vertex<'a>,
+    beta: f32,
+    bsdf: bool,
+    camera: Option<LobeAt>,
+    importons: Option<Mixture>,
+}
+
+impl Techniques<'_, '_> {
+    /// Solid-angle density [1/sr] of each technique; zero for one that is not in use.
+    fn densities(&self, direction: Vec3) -> [f32; 3] {
+        [
+            if self.bsdf { self.vertex.pdf(direction) } else { 0.0 },
+            self.camera.as_ref().map_or(0.0, |lobe| lobe.pdf(direction)),
+            self.importons.as_ref().map_or(0.0, |mixture| mixture.pdf(direction)),
+        ]
+    }
+
+    /// Weight of a sample of `technique` by the power heuristic (thesis, equation 4.4), over its density.
+    fn share_over_density(&self, technique: usize, densities: [f32; 3]) -> f32 {
+        let own = densities[technique];
+        if own <= 0.0 {
+            return 0.0;
+        }
+        let sum: f32 = densities.iter().map(|other| power(other / own, self.beta)).sum();
+        1.0 / (sum * own)
+    }
+}
+
+fn power(ratio: f32, beta: f32) -> f32 {
+    if beta == 2.0 { sqr(ratio) } else { pow(ratio, beta) }
+}
+
+impl<'a> ConeSampler<'a> {
+    pub(super) fn new(
+        job: &'a Job<'a>,
+        settings: &PcfSettings,
+        bandwidth: Bandwidth,
+        importons: Option<Importons>,
+    ) -> Self {
+        let uses = |sampler| settings.samplers.contains(&sampler);
+        Self {
+            job,
+            beta: settings.mis_beta,
+            bsdf: uses(DirectionSampler::Bsdf),
+            camera: uses(DirectionSampler::Camera).then(|| CameraLobe::new(&job.scene.sensor, bandwidth.theta)),
+            importons,
+        }
+    }
+
+    /// Stores the cones of a light path's arrival: one from each sampler, weighted so that together they count once. Those that
+    /// `occupancy` rules out are left out.
+    pub(super) fn store(&self, arrival: &Arrival, occupancy: Option<&Occupancy>, records: &mut Vec<Record>) {
+        let vertex = arrival.vertex;
+        let position = vertex.point.position;
+        if occupancy.is_some_and(|o| !o.may_count_at(position)) {
+            return;
+        }
+        let wanted = |direction: Vec3| occupancy.is_none_or(|o| o.may_count(position, direction));
+        let mut push = |direction: Vec3, weight: Spectrum| {
+            if !weight.is_black() {
+                records.push(vertex.record(direction, weight, arrival.edges));
+            }
+        };
+        if vertex.is_delta() {
+            if let Some(scattered) = arrival.scattered.filter(|scattered| wanted(scattered.wi)) {
+                push(
+                    scattered.wi,
+                    arrival.flux * scattered.bsdf.f * (1.0 / scattered.bsdf.pdf),
+                );
+            }
+            return;
+        }
+        let techniques = self.techniques(vertex);
+        if let Some(scattered) = arrival.scattered.filter(|s| self.bsdf && wanted(s.wi)) {
+            let mut densities = techniques.densities(scattered.wi);
+            densities[BSDF] = scattered.bsdf.pdf;
+            let share = techniques.share_over_density(BSDF, densities);
+            push(scattered.wi, arrival.flux * scattered.bsdf.f * share);
+        }
+        let mut random = self.random(arrival);
+        let (u, choice, v) = (random.next_2d(), random.next_1d(), random.next_2d());
+        let sampled = [
+            (CAMERA, techniques.camera.as_ref().map(|lobe| lobe.sample(u))),
+            (
+                IMPORTON,
+                techniques.importons.as_ref().map(|mixture| mixture.sample(choice, v)),
+            ),
+        ];
+        for (technique, direction) in sampled {
+            if let Some(direction) = direction.filter(|direction| wanted(*direction)) {
+                let share = techniques.share_over_density(technique, techniques.densities(direction));
+                push(direction, arrival.flux * vertex.eval(direction) * share);
+            }
+        }
+    }
+
+    fn techniques<'s, 'v>(&self, vertex: &'v Vertex<'s>) -> Techniques<'s, 'v> {
+        let point = &vertex.point;
+        Techniques {
+            vertex,
+            beta: self.beta,
+            bsdf: self.bsdf,
+            camera: self
+                .camera
+                .as_ref()
+                .and_then(|lobe| lobe.at(point.position, point.geometric_normal)),
+            importons: self
+                .importons
+                .as_ref()
+                .map(|importons| importons.around(point.position)),
+        }
+    }
+
+    /// The random numbers of an arrival's cones: its own, so that a cone that is not sampled changes nothing for the others.
+    fn random(&self, arrival: &Arrival) -> PathRandom {
+        let cone = u64::from(arrival.path) << 32 | u64::from(arrival.edges);
+        PathRandom::new(self.job.seed, self.job.iteration, Stream::Cone, cone)
+    }
+}

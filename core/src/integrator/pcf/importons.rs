@@ -1,0 +1,144 @@
+//! Conical importons: where camera paths need radiance, and in which directions (thesis, section 4.2.3).
+//!
+//! The queries of the iteration are the importons. Their density guides cones without changing what is estimated: given the
+//! camera paths, cones are sampled with a known density, and each query's sum keeps its mean.
+
+use super::query::{Queries, Query, Surface};
+use crate::integrator::Bandwidth;
+use crate::map::{Reach, Record, RecordMap};
+use crate::math::warp::{one_minus_cos, square_to_cone, square_to_sphere};
+use crate::math::{Frame, PI, TAU, Vec2, Vec3};
+use crate::settings::{DirectionSampler, PcfSettings};
+use crate::spectrum::Spectrum;
+
+/// Importons that a mixture holds on average, at most about.
+const NEIGHBOURS: f32 = 16.0;
+
+/// Importons among which their density is measured first, at most.
+const PILOT: usize = 1 << 16;
+
+/// Places at which it is measured.
+const PROBES: usize = 256;
+
+/// Share of the samples that are spread over all directions, so that no direction is without density where importons were
+/// left out (a defensive mixture: Hesterberg 1995).
+const DEFENSIVE: f32 = 0.1;
+
+/// Widening of the lobes against the rounding of stored directions [radians].
+const ROUNDING: f32 = 1.5e-4;
+
+/// The importon map of an iteration.
+pub(super) struct Importons {
+    map: RecordMap,
+    reach: Reach,
+    /// `1 - cos` of the lobes' half angle.
+    one_minus_cos: f32,
+}
+
+impl Importons {
+    /// Makes importons of the queries; `None` where the settings do not use them. First camera vertices are left to camera
+    /// connections where these are on, and delta surfaces to the material's own sampling (thesis, section 4.3.2).
+    pub(super) fn build(queries: &Queries, settings: &PcfSettings, bandwidth: Bandwidth) -> Option<Self> {
+        let uses = |sampler| settings.samplers.contains(&sampler);
+        if !uses(DirectionSampler::Importon) {
+            return None;
+        }
+        let first_edges = if uses(DirectionSampler::Camera) { 2 } else { 1 };
+        let is_importon = |query: &&Query| {
+            query.camera_edges >= first_edges && query.surface != Surface::Delta && query.throughput.luminance() > 0.0
+        };
+        let count = queries.iter().filter(is_importon).count();
+        let every =
+            |stride: usize| -> Vec<Record> { queries.iter().filter(is_importon).step_by(stride).map(record).collect() };
+        let reach = Reach::new(bandwidth.sigma, PI);
+        let pilot_stride = count.div_ceil(PILOT).max(1);
+        let pilot = every(pilot_stride);
+        let crowd = mean_neighbours(&pilot, &reach);
+        let stride = ((pilot_stride as f32 * crowd / NEIGHBOURS).ceil() as usize).max(1);
+        let importons = if stride == pilot_stride { pilot } else { every(stride) };
+        Some(Self {
+            map: RecordMap::build(&[importons], &reach),
+            reach,
+            one_minus_cos: one_minus_cos((bandwidth.theta + ROUNDING).min(PI)),
+        })
+    }
+
+    /// The mixture of the importons within a bandwidth of `position`.
+    pub(super) fn around(&self, position: Vec3) -> Mixture {
+        let mut lobes = Vec::new();
+        let mut total = 0.0;
+        self.map.query(position, Vec3::Z, &self.reach, |importon| {
+            total += importon.weight()[0];
+            lobes.push((importon.direction(), total));
+        });
+        Mixture {
+            lobes,
+            one_minus_cos: self.one_minus_cos,
+        }
+    }
+}
+
+fn record(query: &Query) -> Record {
+    let importance = Spectrum::splat(query.throughput.luminance());
+    Record::new(
+        query.position,
+        query.normal,
+        query.direction,
+        importance,
+        query.camera_edges,
+    )
+}
+
+/// Mean number of importons in reach of an importon.
+fn mean_neighbours(importons: &[Record], reach: &Reach) -> f32 {
+    let map = RecordMap::build(&[importons.to_vec()], reach);
+    let (mut probes, mut found) = (0, 0);
+    for probe in importons.iter().step_by(importons.len().div_ceil(PROBES).max(1)) {
+        probes += 1;
+        map.query(probe.position, Vec3::Z, reach, |_| found += 1);
+    }
+    found as f32 / (probes as f32).max(1.0)
+}
+
+/// A density of directions: uniform cones about those of importons, in proportion to their importance, and a share of
+/// [`DEFENSIVE`] over the sphere, which has all where there are no importons.
+pub(super) struct Mixture {
+    /// Axis of each lobe, and the importance up to and with it.
+    lobes: Vec<(Vec3, f32)>,
+    one_minus_cos: f32,
+}
+
+impl Mixture {
+    pub(super) fn sample(&self, choice: f32, u: Vec2) -> Vec3 {
+        let Some((_, total)) = self.lobes.last() else {
+            return square_to_sphere(u);
+        };
+        if choice < DEFENSIVE {
+            return square_to_sphere(u);
+        }
+        let target = (choice - DEFENSIVE) / (1.0 - DEFENSIVE) * total;
+        let chosen = self
+            .lobes
+            .partition_point(|(_, sum)| *sum <= target)
+            .min(self.lobes.len() - 1);
+        Frame::from_normal(self.lobes[chosen].0)
+            .to_world(square_to_cone(u, 1.0 - self.one_minus_cos))
+            .normalize()
+    }
+
+    /// Solid-angle density [1/sr].
+    pub(super) fn pdf(&self, direction: Vec3) -> f32 {
+        const UNIFORM: f32 = 1.0 / (4.0 * PI);
+        let Some((_, total)) = self.lobes.last() else {
+            return UNIFORM;
+        };
+        let (mut covered, mut before) = (0.0, 0.0);
+        for (axis, sum) in &self.lobes {
+            if 0.5 * (direction - *axis).length_squared() < self.one_minus_cos {
+                covered += sum - before;
+            }
+            before = *sum;
+        }
+        DEFENSIVE * UNIFORM + (1.0 - DEFENSIVE) * covered / (total * TAU * self.one_minus_cos)
+    }
+}

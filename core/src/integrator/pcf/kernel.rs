@@ -1,0 +1,111 @@
+//! Kernels: how much a cone counts for a query.
+
+use crate::integrator::Bandwidth;
+use crate::map::{Neighbour, Reach, RecordMap};
+use crate::math::{PI, TAU, Vec3, sqr, warp::one_minus_cos};
+use crate::settings::{KernelShape, PcfSettings};
+use crate::spectrum::Spectrum;
+
+use super::query::{Query, Surface};
+
+/// The kernel of an iteration (thesis, section 3.1): a function of the distance and of the angle that integrates to one over
+/// a disc and a cone.
+pub(super) struct Kernel<'a> {
+    shape: KernelShape,
+    /// Shares of the radius for light paths of 1, 2, ... edges.
+    sigma_by_length: &'a [f32],
+    surface_test: bool,
+    /// On rough surfaces, and on delta and glossy ones.
+    widths: [Width; 2],
+}
+
+/// The kernel's size on a kind of surface.
+struct Width {
+    reach: Reach,
+    /// `1 / (pi sigma^2 2 pi (1 - cos theta))` (thesis, equation 3.6) [1 / (unit^2 sr)].
+    height: f32,
+}
+
+impl Width {
+    fn new(bandwidth: Bandwidth) -> Self {
+        Self {
+            reach: Reach::new(bandwidth.sigma, bandwidth.theta),
+            height: 1.0 / (PI * sqr(bandwidth.sigma) * TAU * one_minus_cos(bandwidth.theta)),
+        }
+    }
+}
+
+impl<'a> Kernel<'a> {
+    pub(super) fn new(settings: &'a PcfSettings, bandwidth: Bandwidth) -> Self {
+        let glossy = Bandwidth {
+            theta: bandwidth.theta * settings.theta_glossy,
+            ..bandwidth
+        };
+        Self {
+            shape: settings.kernel,
+            sigma_by_length: &settings.sigma_by_length,
+            surface_test: settings.surface_test,
+            widths: [Width::new(bandwidth), Width::new(glossy)],
+        }
+    }
+
+    /// How far any query reaches.
+    pub(super) fn reach(&self) -> &Reach {
+        &self.widths[0].reach
+    }
+
+    /// `sum_j K(psi_j - psi) weight_j` over the cones of `map` (thesis, equation 3.11) [W/(unit^2 sr)], and how many records were read
+    /// and counted.
+    pub(super) fn sum(&self, map: &RecordMap, query: &Query) -> (Spectrum, u64, u64) {
+        let width = &self.widths[usize::from(query.surface != Surface::Rough)];
+        let mut sum = Spectrum::ZERO;
+        let mut counted = 0;
+        let read = map.query(query.position, query.direction, &width.reach, |cone| {
+            if cone.edges() > query.limit || (self.surface_test && !on_same_surface(&cone, query, &width.reach)) {
+                return;
+            }
+            let value = self.value(&cone, &width.reach);
+            if value > 0.0 {
+                counted += 1;
+                sum += cone.weight() * value;
+            }
+        });
+        (sum * width.height, read, counted)
+    }
+
+    /// The kernel over its height at the middle of the box.
+    fn value(&self, cone: &Neighbour, reach: &Reach) -> f32 {
+        let share = match self.sigma_by_length {
+            [] => 1.0,
+            shares => shares[(usize::from(cone.edges()) - 1).min(shares.len() - 1)],
+        };
+        let radius2 = sqr(share * reach.radius());
+        if cone.distance2 >= radius2 {
+            return 0.0;
+        }
+        let shape = match self.shape {
+            KernelShape::Box => 1.0,
+            KernelShape::Epanechnikov => {
+                2.0 * (1.0 - cone.distance2 / radius2) * 2.0 * (1.0 - cone.chord2 / reach.chord2()).max(0.0)
+            }
+        };
+        shape / sqr(share)
+    }
+}
+
+/// Part of the radius that a cone may lie off the query's tangent plane. On a surface of radius of curvature R a cone at the
+/// distance sigma lies `sigma^2 / 2R` off it, so that the test refuses nothing on smooth surfaces once sigma is below R / 2.
+const OFF_PLANE: f32 = 0.25;
+
+/// Cosine of the largest angle between the normals of the query and of the cone, which on a smooth surface is about sigma / R.
+const NORMALS_APART: f32 = 0.7;
+
+/// Whether a cone may be taken for one of the surface that the query lies on: close to its tangent plane, with a similar
+/// normal, and leaving on the same side. On a smooth surface all three hold as the kernel shrinks.
+fn on_same_surface(cone: &Neighbour, query: &Query, reach: &Reach) -> bool {
+    let off_plane = (cone.position() - query.position).dot(query.normal).abs();
+    let side = |direction: Vec3| direction.dot(query.normal) > 0.0;
+    off_plane < OFF_PLANE * reach.radius()
+        && cone.normal().dot(query.normal).abs() > NORMALS_APART
+        && side(cone.direction()) == side(query.direction)
+}

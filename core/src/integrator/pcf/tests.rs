@@ -1,0 +1,84 @@
+use super::*;
+use crate::integrator::{Unobserved, bandwidth};
+use crate::scene::{Limits, Scene, SceneFolder};
+use crate::settings::{DirectionSampler, IntegratorSettings, KernelShape};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+pub(super) fn load(name: &str) -> Scene {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
+    let defines = BTreeMap::from([("res".to_owned(), "24".to_owned())]);
+    Scene::load(&SceneFolder::new(&folder).unwrap(), name, &defines, &Limits::default()).unwrap()
+}
+
+fn render(scene: &Scene, settings: &PcfSettings, iteration: u32, culling: bool) -> Iteration {
+    let bandwidth = bandwidth(scene, &IntegratorSettings::Pcf(settings.clone()), iteration).unwrap();
+    let job = Job {
+        scene,
+        seed: 5,
+        iteration,
+    };
+    render_culling(&job, settings, bandwidth, &Unobserved, culling).unwrap()
+}
+
+fn bits(image: &Iteration) -> Vec<[u32; 3]> {
+    image.pixels.iter().map(|p| p.to_rgb().map(f32::to_bits)).collect()
+}
+
+#[test]
+fn culling_changes_no_bit() {
+    let all = vec![
+        DirectionSampler::Bsdf,
+        DirectionSampler::Camera,
+        DirectionSampler::Importon,
+    ];
+    let base = PcfSettings {
+        photons: 20_000,
+        samples: 2,
+        sigma1: Some(0.1),
+        ..Default::default()
+    };
+    let cases = [
+        base.clone(),
+        PcfSettings {
+            lookup_vertex: LookupVertex::Fixed(1),
+            p: 2.0,
+            ..base.clone()
+        },
+        PcfSettings {
+            lookup_vertex: LookupVertex::Fixed(2),
+            samplers: all.clone(),
+            nested: true,
+            theta_glossy: 0.5,
+            ..base.clone()
+        },
+        PcfSettings {
+            samplers: all,
+            kernel: KernelShape::Epanechnikov,
+            sigma_by_length: vec![0.5, 1.0],
+            surface_test: true,
+            theta1: 60.0,
+            ..base
+        },
+    ];
+    for name in ["mirror-glass.xml", "environment.xml"] {
+        let scene = load(name);
+        for settings in &cases {
+            for iteration in [1, 400] {
+                let whole = render(&scene, settings, iteration, false);
+                let culled = render(&scene, settings, iteration, true);
+                assert!(
+                    bits(&whole) == bits(&culled),
+                    "{name}, iteration {iteration}: {settings:?}"
+                );
+                assert_eq!(whole.counts.records_counted, culled.counts.records_counted);
+                assert!(
+                    culled.counts.records_counted > 100,
+                    "the map is read: {:?}",
+                    culled.counts
+                );
+                assert!(culled.counts.records_stored < whole.counts.records_stored);
+            }
+        }
+    }
+}
