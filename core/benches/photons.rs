@@ -8,8 +8,8 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::map::{Reach, Record, RecordMap};
-use photonfarm_core::math::{PI, Vec3};
-use photonfarm_core::random::{PathRandom, Stream};
+use photonfarm_core::math::{PI, Vec2, Vec3};
+use photonfarm_core::random::{PathRandom, Sampling, Stream};
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
 use photonfarm_core::spectrum::Spectrum;
@@ -36,6 +36,23 @@ fn load(name: &str, resolution: u32) -> Scene {
     let defines = BTreeMap::from([("res".to_owned(), resolution.to_string())]);
     let files = SceneFolder::new(&folder).expect("the scenes are there");
     Scene::load(&files, name, &defines, &Limits::default()).expect("the scene loads")
+}
+
+/// Drawing the first 24 numbers of a path, in singles and pairs, on one thread; items are numbers.
+#[divan::bench(args = [Sampling::Independent, Sampling::Sobol], sample_count = 20)]
+fn random_numbers(bencher: Bencher, sampling: Sampling) {
+    const PATHS: u32 = 50_000;
+    let sequence = sampling.sequence(1, 2, Stream::Light, 0, PATHS);
+    bencher.counter(ItemsCount::new(24 * PATHS)).bench(|| {
+        let mut sum = Vec2::ZERO;
+        for path in 0..PATHS {
+            let mut random = sequence.path(path);
+            for _ in 0..8 {
+                sum += random.next_1d() * random.next_2d();
+            }
+        }
+        sum
+    });
 }
 
 /// Tracing and storing photons in a closed box with a mirror and a glass ball; items are light paths.

@@ -240,7 +240,8 @@ pub struct Image {
     pub iterations: u64,
     /// Mean radiance, row by row from the top left.
     pub pixels: Vec<Spectrum>,
-    /// Standard error of each pixel's luminance; empty for fewer than two iterations.
+    /// Standard error of each pixel's luminance as if iterations were independent; empty for fewer than two iterations. Under
+    /// [`Sampling::Sobol`](crate::random::Sampling::Sobol) iterations balance each other, and the error is smaller.
     pub standard_error: Vec<f32>,
 }
 

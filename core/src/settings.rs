@@ -1,6 +1,7 @@
 //! What a job asks for: which integrator, with which settings. The same names are used in the job's JSON, on the
 //! command line (`--set name=value`) and in the image's metadata.
 
+use crate::random::Sampling;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -42,6 +43,16 @@ impl IntegratorSettings {
             Self::Path(_) => "path",
             Self::Pppm(_) => "pppm",
             Self::Pcf(_) => "pcf",
+        }
+    }
+
+    /// How the random numbers of paths relate to each other.
+    #[must_use]
+    pub fn sampling(&self) -> Sampling {
+        match self {
+            Self::Path(s) => s.sampling,
+            Self::Pppm(s) => s.sampling,
+            Self::Pcf(s) => s.sampling,
         }
     }
 
@@ -152,6 +163,8 @@ fn check(name: &'static str, value: impl ToString, valid: bool, expected: &'stat
 pub struct PathSettings {
     /// Camera samples per pixel and iteration.
     pub samples: u32,
+    /// How the random numbers of paths relate to each other.
+    pub sampling: Sampling,
     /// Most edges of a light path, camera to light; `None`: no limit.
     pub max_depth: Option<u32>,
 }
@@ -160,6 +173,7 @@ impl Default for PathSettings {
     fn default() -> Self {
         Self {
             samples: 4,
+            sampling: Sampling::Sobol,
             max_depth: None,
         }
     }
@@ -173,6 +187,8 @@ pub struct PppmSettings {
     pub photons: u32,
     /// Camera samples per pixel and iteration (S).
     pub samples: u32,
+    /// How the random numbers of paths relate to each other.
+    pub sampling: Sampling,
     /// Share of the photons that the shrinking radius keeps, in (0, 1).
     pub alpha: f32,
     /// First radius [scene units]; `None`: from the scene and the pixel footprint.
@@ -186,6 +202,7 @@ impl Default for PppmSettings {
         Self {
             photons: 200_000,
             samples: 1,
+            sampling: Sampling::Sobol,
             alpha: 2.0 / 3.0,
             sigma1: None,
             max_depth: None,
@@ -201,6 +218,8 @@ pub struct PcfSettings {
     pub photons: u32,
     /// Camera samples per pixel and iteration (S).
     pub samples: u32,
+    /// How the random numbers of paths relate to each other.
+    pub sampling: Sampling,
     /// Share of the cones that the shrinking bandwidth keeps, in (0, 1).
     pub alpha: f32,
     /// Order of the angular bandwidth t(sigma) = theta1 (sigma / sigma1)^p, at least 1.
@@ -237,6 +256,7 @@ impl Default for PcfSettings {
         Self {
             photons: 200_000,
             samples: 4,
+            sampling: Sampling::Sobol,
             alpha: 0.2,
             p: 1.0,
             sigma1: None,

@@ -4,6 +4,7 @@
 //! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::{Limits, Scene};
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
 use photonfarm_tests::statistics::{Moments, ZTest};
@@ -50,7 +51,11 @@ fn check(scene: &Scene, settings: &IntegratorSettings, iterations: u32, expected
 }
 
 fn path(max_depth: Option<u32>) -> IntegratorSettings {
-    IntegratorSettings::Path(PathSettings { samples: 64, max_depth })
+    IntegratorSettings::Path(PathSettings {
+        samples: 64,
+        sampling: Sampling::Independent,
+        max_depth,
+    })
 }
 
 fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
@@ -58,6 +63,7 @@ fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
     IntegratorSettings::Pppm(PppmSettings {
         photons: 20_000,
         samples: 4,
+        sampling: Sampling::Independent,
         sigma1,
         max_depth,
         ..Default::default()
@@ -68,6 +74,7 @@ fn pcf(sigma1: f32, photons: u32, max_depth: Option<u32>) -> IntegratorSettings 
     IntegratorSettings::Pcf(PcfSettings {
         photons,
         samples: 4,
+        sampling: Sampling::Independent,
         sigma1: Some(sigma1),
         theta1: 10.0,
         lookup_vertex: LookupVertex::Fixed(1),

@@ -1,9 +1,11 @@
 //! The photon integrators against `path`.
 //!
 //! Means over blocks of pixels are compared by z-tests. Each comparison fails by chance with probability
-//! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
+//! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always. Sampling is independent where the noise is
+//! measured over the iterations of one job.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::{Limits, Scene, SceneFiles, SceneFolder};
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
@@ -52,6 +54,7 @@ fn measure(scene: &Scene, settings: &IntegratorSettings, seed: u64, iterations: 
 fn reference(scene: &Scene, max_depth: u32) -> Moments {
     let settings = PathSettings {
         samples: 16,
+        sampling: Sampling::Independent,
         max_depth: Some(max_depth),
     };
     measure(scene, &IntegratorSettings::Path(settings), 1, 160)
@@ -62,6 +65,7 @@ fn pppm(sigma1: f32, max_depth: u32) -> IntegratorSettings {
     IntegratorSettings::Pppm(PppmSettings {
         photons: 40_000,
         samples: 2,
+        sampling: Sampling::Independent,
         sigma1,
         max_depth: Some(max_depth),
         ..Default::default()
@@ -72,6 +76,7 @@ fn pcf(sigma1: f32, theta1: f32, lookup_vertex: LookupVertex, max_depth: u32) ->
     IntegratorSettings::Pcf(PcfSettings {
         photons: 80_000,
         samples: 2,
+        sampling: Sampling::Independent,
         sigma1: Some(sigma1),
         theta1,
         lookup_vertex,
@@ -175,6 +180,7 @@ fn check_camera_connections(scene: &Scene) {
             IntegratorSettings::Pcf(PcfSettings {
                 photons: 40_000,
                 samples: 2,
+                sampling: Sampling::Independent,
                 sigma1: Some(0.03 * scale),
                 theta1: 8.0 * scale,
                 lookup_vertex: LookupVertex::Fixed(1),

@@ -54,12 +54,12 @@ debug, photonfarm_coordinator=trace, ...).";
 
 const SET_HELP: &str = "\
 Set an integrator's setting, by its name in the job's JSON:
-path: samples, max_depth
-pppm: photons, samples, alpha, sigma1, max_depth
-pcf:  photons, samples, alpha, p, sigma1, theta1, lookup_vertex, samplers, mis_beta, nested, kernel,
-      sigma_by_length, theta_glossy, surface_test, max_depth
+path: samples, sampling, max_depth
+pppm: photons, samples, sampling, alpha, sigma1, max_depth
+pcf:  photons, samples, sampling, alpha, p, sigma1, theta1, lookup_vertex, samplers, mis_beta, nested,
+      kernel, sigma_by_length, theta_glossy, surface_test, max_depth
 where photons counts light paths per iteration, samples counts camera samples per pixel and iteration,
-sigma1 is in scene units or `auto`, theta1 in degrees, lookup_vertex a number or `auto`, samplers a
+sampling is sobol (low discrepancy, less noise) or independent, sigma1 is in scene units or `auto`, theta1 in degrees, lookup_vertex a number or `auto`, samplers a
 list of bsdf, camera and importon, mis_beta the exponent that weighs them, nested true or false, kernel
 box or epanechnikov, sigma_by_length a list such as 0.5,1 (shares of the bandwidth for light paths of
 one edge, two, and so on), theta_glossy the share of theta1 on glossy surfaces, surface_test true or

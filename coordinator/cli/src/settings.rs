@@ -112,6 +112,7 @@ fn scalar(text: &str) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use photonfarm_core::random::Sampling;
     use photonfarm_core::settings::{DirectionSampler, KernelShape, LookupVertex};
 
     fn set(pairs: &[(&str, &str)]) -> BTreeMap<String, String> {
@@ -165,6 +166,7 @@ mod tests {
         let pairs = [
             ("photons", "1000"),
             ("samples", "2"),
+            ("sampling", "independent"),
             ("alpha", "0.3"),
             ("p", "2"),
             ("sigma1", "0.25"),
@@ -182,6 +184,7 @@ mod tests {
         let expected = PcfSettings {
             photons: 1000,
             samples: 2,
+            sampling: Sampling::Independent,
             alpha: 0.3,
             p: 2.0,
             sigma1: Some(0.25),
@@ -227,6 +230,7 @@ mod tests {
             ("samples", "1.5"),
             ("samplers", "bsdf,moon"),
             ("kernel", "sinc"),
+            ("sampling", "halton"),
             ("nested", "1"),
             ("sigma_by_length", "1,wide"),
         ] {

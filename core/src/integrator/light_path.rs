@@ -5,7 +5,7 @@ use super::vertex::{Scattered, Tracer, Vertex};
 use super::{Counts, Observer, RenderError};
 use crate::map::Record;
 use crate::material::TransportMode;
-use crate::random::{PathRandom, Stream};
+use crate::random::Sequence;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
@@ -36,8 +36,8 @@ pub(super) struct Arrival<'a, 'b> {
 
 /// Which light paths to trace.
 pub(super) struct LightPaths {
-    pub(super) seed: u64,
-    pub(super) iteration: u32,
+    /// Their random numbers.
+    pub(super) sequence: Sequence,
     /// Indices of the paths, of all M of the iteration.
     pub(super) range: Range<u32>,
     /// Most edges from the light to a vertex.
@@ -76,7 +76,7 @@ impl LightPaths {
     }
 
     fn trace_one<'a>(&self, tracer: &mut Tracer<'a>, path: u32, mut arrive: impl FnMut(&Arrival<'a, '_>)) {
-        let mut random = PathRandom::new(self.seed, self.iteration, Stream::Light, u64::from(path));
+        let mut random = self.sequence.path(path);
         let scene = tracer.scene;
         let (choice, u_position, u_direction) = (random.next_1d(), random.next_2d(), random.next_2d());
         let Some(start) = scene

@@ -12,7 +12,7 @@ pub use bandwidth::{Bandwidth, bandwidth};
 
 use crate::geometry::Ray;
 use crate::math::Vec2;
-use crate::random::{PathRandom, Stream};
+use crate::random::{PathRandom, Sampling, Sequence, Stream};
 use crate::scene::Scene;
 use crate::settings::{IntegratorSettings, SettingError};
 use crate::spectrum::Spectrum;
@@ -116,12 +116,19 @@ struct Job<'a> {
     scene: &'a Scene,
     seed: u64,
     iteration: u32,
+    sampling: Sampling,
 }
 
 impl Job<'_> {
     fn pixel_count(&self) -> usize {
         let [width, height] = self.scene.film.resolution;
         width as usize * height as usize
+    }
+
+    /// Random numbers of the iteration's `count` light paths.
+    fn light_sequence(&self, count: u32) -> Sequence {
+        self.sampling
+            .sequence(self.seed, self.iteration, Stream::Light, 0, count)
     }
 }
 
@@ -139,7 +146,12 @@ pub fn render_iteration(
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
     settings.validate()?;
-    let job = Job { scene, seed, iteration };
+    let job = Job {
+        scene,
+        seed,
+        iteration,
+        sampling: settings.sampling(),
+    };
     let result = match (settings, bandwidth(scene, settings, iteration)) {
         (IntegratorSettings::Pppm(s), Some(bandwidth)) => pppm::render(&job, s, bandwidth.sigma, observer)?,
         (IntegratorSettings::Pcf(s), Some(bandwidth)) => pcf::render(&job, s, bandwidth, observer)?,
@@ -201,9 +213,11 @@ fn trace_pixels<'a, T: Send>(
             for (offset, sum) in sums.iter_mut().enumerate() {
                 let pixel = pixels.start + task * PIXELS_PER_TASK + offset;
                 let centre = Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-                let first_path = pixel as u64 * u64::from(samples);
-                for sample in 0..u64::from(samples) {
-                    let mut random = PathRandom::new(job.seed, job.iteration, Stream::Camera, first_path + sample);
+                let sequence = job
+                    .sampling
+                    .sequence(job.seed, job.iteration, Stream::Camera, pixel as u64, samples);
+                for sample in 0..samples {
+                    let mut random = sequence.path(sample);
                     let ray = sensor.ray(centre + film.filter.sample(random.next_2d()), random.next_2d());
                     let sample = Sample {
                         tracer: &mut tracer,

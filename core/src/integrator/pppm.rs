@@ -50,8 +50,7 @@ fn render_batch(
 
     observer.phase(Phase::TraceLight);
     let paths = LightPaths {
-        seed: job.seed,
-        iteration: job.iteration,
+        sequence: job.light_sequence(settings.photons),
         range: batch,
         max_edges: max_edges.saturating_sub(1),
     };

@@ -130,8 +130,7 @@ impl<'a> Pass<'a> {
     ) -> Result<Vec<Vec<Record>>, RenderError> {
         observer.phase(Phase::TraceLight);
         let paths = LightPaths {
-            seed: self.job.seed,
-            iteration: self.job.iteration,
+            sequence: self.job.light_sequence(self.settings.photons),
             range: batch,
             max_edges: longest_light_path(self.settings),
         };

@@ -17,6 +17,7 @@ fn render(scene: &Scene, settings: &PcfSettings, iteration: u32, culling: bool) 
         scene,
         seed: 5,
         iteration,
+        sampling: settings.sampling,
     };
     render_culling(&job, settings, bandwidth, &Unobserved, culling).unwrap()
 }

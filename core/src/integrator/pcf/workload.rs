@@ -29,7 +29,12 @@ impl Workload {
         let whole = IntegratorSettings::Pcf(settings.clone());
         whole.validate()?;
         let bandwidth = bandwidth(scene, &whole, iteration).expect("pcf has a bandwidth");
-        let job = Job { scene, seed, iteration };
+        let job = Job {
+            scene,
+            seed,
+            iteration,
+            sampling: settings.sampling,
+        };
         let mut counts = Counts::default();
         let pixels = 0..job.pixel_count();
         let pass = Pass::trace_camera(&job, settings, bandwidth, pixels, &Unobserved, &mut counts)?;

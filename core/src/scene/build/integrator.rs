@@ -45,7 +45,7 @@ pub(super) fn build(
             }))
         }
         "pppm" => {
-            let names = ["photons", "samples", "alpha", "sigma1"];
+            let names = ["photons", "samples", "sampling", "alpha", "sigma1"];
             let settings: PppmSettings = settings(&reader, &names)?;
             Some(IntegratorSettings::Pppm(PppmSettings { max_depth, ..settings }))
         }
@@ -53,6 +53,7 @@ pub(super) fn build(
             let names = [
                 "photons",
                 "samples",
+                "sampling",
                 "alpha",
                 "p",
                 "sigma1",

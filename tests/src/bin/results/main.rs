@@ -4,6 +4,7 @@ mod csv;
 mod figures;
 mod plot;
 mod render;
+mod sampling;
 mod slopes;
 mod table;
 
@@ -39,6 +40,8 @@ enum Part {
     Table,
     /// Pictures and plots of example scenes
     Figures,
+    /// Variance under low-discrepancy sampling over that under independent sampling
+    Sampling,
 }
 
 /// What every part is told.
@@ -70,6 +73,9 @@ fn main() -> Result<()> {
     }
     if part_is(|p| matches!(p, Part::Figures)) {
         figures::run(&options).context("figures")?;
+    }
+    if part_is(|p| matches!(p, Part::Sampling)) {
+        sampling::run(&options).context("sampling")?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use crate::Options;
 use anyhow::{Context, Result, bail};
 use photonfarm_core::math::Vec2;
+use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::sensor::Projection;
 use photonfarm_core::settings::{
@@ -68,10 +69,12 @@ pub(super) fn crop(scene: &mut Scene, block: Block) -> Result<()> {
     Ok(())
 }
 
-/// `path` with the scene's longest paths.
+/// `path` with the scene's longest paths. Sampling is independent in all figures: the theory they are held against is about
+/// independent iterations.
 pub(super) fn path(scene: &Scene, samples: u32) -> IntegratorSettings {
     IntegratorSettings::Path(PathSettings {
         samples,
+        sampling: Sampling::Independent,
         max_depth: scene.wishes.max_depth,
     })
 }
@@ -81,6 +84,7 @@ pub(super) fn pppm(scene: &Scene, photons: u32, samples: u32, sigma1: f32) -> In
     IntegratorSettings::Pppm(PppmSettings {
         photons,
         samples,
+        sampling: Sampling::Independent,
         sigma1: Some(sigma1),
         max_depth: scene.wishes.max_depth,
         ..Default::default()
@@ -92,6 +96,7 @@ pub(super) fn pcf(scene: &Scene, photons: u32, samples: u32, sigma1: f32) -> Pcf
     PcfSettings {
         photons,
         samples,
+        sampling: Sampling::Independent,
         sigma1: Some(sigma1),
         max_depth: scene.wishes.max_depth,
         ..Default::default()
