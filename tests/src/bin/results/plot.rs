@@ -36,8 +36,6 @@ pub(crate) fn colour(index: usize) -> [u8; 3] {
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stroke {
-    /// A line through the points.
-    Line,
     /// A dashed line through the points: what is expected rather than measured.
     Dashes,
     /// A dot at each point and a line through them.
@@ -160,7 +158,7 @@ fn draw(area: &Area, chart: &Chart) -> Result<()> {
         let style = colour.stroke_width(2);
         let drawn = match series.stroke {
             Stroke::Dashes => context.draw_series(DashedLineSeries::new(points.iter().copied(), 6, 5, style))?,
-            Stroke::Line | Stroke::Dots => context.draw_series(LineSeries::new(points.iter().copied(), style))?,
+            Stroke::Dots => context.draw_series(LineSeries::new(points.iter().copied(), style))?,
         };
         if !series.name.is_empty() {
             let dashed = series.stroke == Stroke::Dashes;
@@ -175,6 +173,7 @@ fn draw(area: &Area, chart: &Chart) -> Result<()> {
     }
     context
         .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
         .label_font((FONT, 13))
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
@@ -216,7 +215,7 @@ mod tests {
             x: String::new(),
             y: String::new(),
             scales: (Scale::Linear, Scale::Log),
-            series: vec![Series::new("", Stroke::Line, 0, vec![(1.0, 0.0)])],
+            series: vec![Series::new("", Stroke::Dots, 0, vec![(1.0, 0.0)])],
         };
         assert!(write(&folder.path().join("plot.png"), &[chart], 1).is_err());
     }

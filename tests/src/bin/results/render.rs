@@ -41,27 +41,6 @@ pub(crate) fn each<T: Send>(
         .collect()
 }
 
-/// The average of iterations `1..=iterations` under one seed: radiance of each pixel, row by row from the top left.
-pub(crate) fn average(
-    scene: &Scene,
-    settings: &IntegratorSettings,
-    seed: u64,
-    iterations: u32,
-) -> Result<Vec<Spectrum>> {
-    let [width, height] = scene.film.resolution;
-    let mut sum = vec![[0.0_f64; 3]; width as usize * height as usize];
-    for iteration in 1..=iterations {
-        let image = render_iteration(scene, settings, seed, iteration, &Unobserved)?;
-        for (sum, pixel) in sum.iter_mut().zip(image.pixels) {
-            for (sum, value) in sum.iter_mut().zip(pixel.to_rgb()) {
-                *sum += f64::from(value);
-            }
-        }
-    }
-    let mean = |c: f64| (c / f64::from(iterations)) as f32;
-    Ok(sum.into_iter().map(|rgb| Spectrum::from_rgb(rgb.map(mean))).collect())
-}
-
 /// Mean luminance of an image.
 pub(crate) fn mean_luminance(pixels: &[Spectrum]) -> f64 {
     pixels.iter().map(|p| f64::from(p.luminance())).sum::<f64>() / pixels.len() as f64

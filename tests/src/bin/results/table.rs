@@ -1,9 +1,221 @@
-//! The singularity table.
+//! The singularity table: which emitters, sensors and chains of bounces each integrator can render at all.
+
+mod layout;
+mod report;
+mod truth;
 
 use crate::Options;
+use crate::render::{each, mean_luminance, progress};
 use anyhow::Result;
+use indicatif::ProgressBar;
+use layout::{Chain, Emitter, Eye, Layout};
+use photonfarm_core::random::Sampling;
+use photonfarm_core::scene::Scene;
+use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_tests::statistics::Moments;
 
-/// Writes the table to the folder `options.out`.
-pub(crate) fn run(_options: &Options) -> Result<()> {
-    Ok(())
+/// A column of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Column {
+    Path,
+    Pppm,
+    Pcf,
+    NestedPcf,
+    FirstVertexPcf,
 }
+
+impl Column {
+    const ALL: [Self; 5] = [Self::Path, Self::Pppm, Self::Pcf, Self::NestedPcf, Self::FirstVertexPcf];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Path => "path",
+            Self::Pppm => "pppm",
+            Self::Pcf => "pcf",
+            Self::NestedPcf => "pcf nested",
+            Self::FirstVertexPcf => "pcf k=1",
+        }
+    }
+
+    /// Light paths for the chain, over those for the shortest ones: few come all the way of a long one, and fewer in the
+    /// narrow kernel on a mirror that shows a diffuse surface.
+    fn photon_share(self, chain: Chain) -> u32 {
+        match chain {
+            Chain::D | Chain::S | Chain::Ss => 1,
+            Chain::Sds if self == Self::FirstVertexPcf => 10,
+            Chain::Sds => 2,
+            Chain::Dsd => 4,
+        }
+    }
+
+    /// Settings for the chain, with `photons` light paths. Kernels are small against everything that light and shade vary over; directions count widely
+    /// where a diffuse surface is looked up, which looks the same from everywhere, and narrowly on mirrors.
+    fn settings(self, chain: Chain, photons: u32) -> IntegratorSettings {
+        let max_depth = Some(chain.edges());
+        let (sigma, theta) = match chain {
+            Chain::S | Chain::Ss => (0.06, 5.0),
+            Chain::Sds if self == Self::FirstVertexPcf => (0.1, 8.0),
+            _ => (0.1, 25.0),
+        };
+        match self {
+            Self::Path => IntegratorSettings::Path(PathSettings {
+                samples: 64,
+                sampling: Sampling::Independent,
+                max_depth,
+            }),
+            Self::Pppm => IntegratorSettings::Pppm(PppmSettings {
+                photons,
+                samples: 4,
+                sampling: Sampling::Independent,
+                sigma1: Some(sigma),
+                max_depth,
+                ..Default::default()
+            }),
+            Self::Pcf | Self::NestedPcf | Self::FirstVertexPcf => IntegratorSettings::Pcf(PcfSettings {
+                photons,
+                samples: 4,
+                sampling: Sampling::Independent,
+                sigma1: Some(sigma),
+                theta1: theta,
+                lookup_vertex: if self == Self::FirstVertexPcf {
+                    LookupVertex::Fixed(1)
+                } else {
+                    LookupVertex::Auto
+                },
+                nested: self == Self::NestedPcf,
+                max_depth,
+                ..Default::default()
+            }),
+        }
+    }
+}
+
+/// The mean radiance of an image over its true value.
+#[derive(Clone, Copy, Debug)]
+struct Ratio {
+    value: f64,
+    /// Standard error.
+    error: f64,
+}
+
+impl Ratio {
+    /// Whether nothing at all was seen.
+    fn is_black(self) -> bool {
+        self.value == 0.0
+    }
+}
+
+/// A row of the table.
+#[derive(Clone, Debug)]
+struct Row {
+    layout: Layout,
+    /// Mean radiance of the image; `None` where it is not finite, and the row is empty.
+    truth: Option<f64>,
+    ratios: Vec<(Column, Ratio)>,
+}
+
+/// How much is rendered.
+struct Effort {
+    eyes: Vec<Eye>,
+    /// Light paths per iteration of the shortest chains.
+    photons: u32,
+    /// Standard error that a ratio should reach.
+    noise: f64,
+    /// Iterations of a cell, at least and at most.
+    iterations: (usize, usize),
+}
+
+impl Effort {
+    fn full() -> Self {
+        Self {
+            eyes: Eye::ALL.to_vec(),
+            photons: 50_000,
+            noise: 0.025,
+            iterations: (8, 40),
+        }
+    }
+
+    fn small() -> Self {
+        Self {
+            eyes: vec![Eye::Pinhole],
+            photons: 25_000,
+            noise: 0.12,
+            iterations: (6, 6),
+        }
+    }
+}
+
+/// Iterations that tell how many a cell needs; they do not enter its value.
+const PILOT: u64 = 4;
+
+/// Mean radiance over the iterations that bring its noise down to that of `effort`.
+///
+/// All are first iterations, under different seeds, so that the kernels keep their size.
+fn cell(scene: &Scene, settings: &IntegratorSettings, effort: &Effort, truth: f64) -> Result<Ratio> {
+    let silent = ProgressBar::hidden();
+    let measure = |seeds: std::ops::Range<u64>| -> Result<(f64, f64)> {
+        let jobs: Vec<(u64, u32)> = seeds.map(|seed| (seed, 1)).collect();
+        let mut moments = Moments::default();
+        for mean in each(scene, settings, &jobs, &silent, |image| mean_luminance(&image.pixels))? {
+            moments.push(&[mean / truth]);
+        }
+        Ok((moments.mean()[0], moments.squared_error()[0]))
+    };
+    let (least, most) = effort.iterations;
+    let mut needed = least;
+    if most > least {
+        let (_, pilot) = measure(0..PILOT)?;
+        needed = (PILOT as f64 * pilot / (effort.noise * effort.noise)).ceil() as usize;
+    }
+    let (value, squared_error) = measure(PILOT..PILOT + needed.clamp(least, most) as u64)?;
+    Ok(Ratio {
+        value,
+        error: squared_error.sqrt(),
+    })
+}
+
+fn measure(effort: &Effort, bar: &ProgressBar) -> Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    for layout in layouts(effort) {
+        let truth = truth::mean_radiance(&layout)?;
+        let mut ratios = Vec::new();
+        if let Some(truth) = truth {
+            let scene = layout.scene()?;
+            for column in Column::ALL {
+                let ratio = cell(
+                    &scene,
+                    &column.settings(layout.chain, effort.photons * column.photon_share(layout.chain)),
+                    effort,
+                    truth,
+                )?;
+                ratios.push((column, ratio));
+                bar.inc(1);
+            }
+        }
+        rows.push(Row { layout, truth, ratios });
+    }
+    bar.finish_and_clear();
+    Ok(rows)
+}
+
+fn layouts(effort: &Effort) -> Vec<Layout> {
+    let of_chain = |eye: Eye, emitter: Emitter| Chain::ALL.map(|chain| Layout { emitter, eye, chain });
+    let of_eye = |eye: &Eye| {
+        Emitter::ALL
+            .into_iter()
+            .flat_map(move |emitter| of_chain(*eye, emitter))
+            .collect::<Vec<_>>()
+    };
+    effort.eyes.iter().flat_map(of_eye).collect()
+}
+
+/// Writes `singularities.csv` and `singularities.md` to the folder `options.out`.
+pub(crate) fn run(options: &Options) -> Result<()> {
+    let effort = if options.small { Effort::small() } else { Effort::full() };
+    let bar = progress("table", (layouts(&effort).len() * Column::ALL.len()) as u64);
+    let rows = measure(&effort, &bar)?;
+    report::write(&options.out, &effort.eyes, &rows)
+}
+
+#[cfg(test)]
+mod tests;
