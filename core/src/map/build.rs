@@ -1,5 +1,5 @@
-use super::direction::{ROW_BITS, row_shift, sort_key};
-use super::{CELL_OVER_RADIUS, MAX_RECORDS, Reach, Record, RecordMap, bucket_of, cell};
+use super::direction::{ROW_BITS, row_of, row_shift, sort_key};
+use super::{CELL_OVER_RADIUS, LANES, MAX_RECORDS, Reach, Record, RecordMap, bucket_of, cell};
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
 
@@ -61,8 +61,8 @@ impl RecordMap {
             cells_per_unit: layout.cells_per_unit,
             row_shift: shift.min(ROW_BITS),
             starts: vec![0; buckets + 1],
-            positions: vec![[0.0; 3]; total],
-            directions: vec![0; total],
+            positions: [(); 3].map(|()| vec![0.0; total + LANES]),
+            directions: vec![0; total + LANES],
             weights: vec![Spectrum::ZERO; total],
             normals: vec![0; total],
             edges: vec![0; total],
@@ -78,7 +78,7 @@ impl RecordMap {
     /// Cuts the arrays into parts.
     fn tasks(&mut self, orders: &[ChunkOrder], layout: &Layout) -> Vec<PartTask<'_>> {
         let mut rest = Arrays {
-            positions: &mut self.positions,
+            positions: self.positions.each_mut().map(|axis| &mut axis[..]),
             directions: &mut self.directions,
             weights: &mut self.weights,
             normals: &mut self.normals,
@@ -112,10 +112,7 @@ impl RecordMap {
 impl Layout {
     /// Orders a chunk by part.
     fn split(&self, chunk: &[Record]) -> ChunkOrder {
-        let buckets: Vec<u32> = chunk
-            .iter()
-            .map(|r| bucket_of(cell(r.position, self.cells_per_unit), self.mask))
-            .collect();
+        let buckets: Vec<u32> = chunk.iter().map(|r| self.bucket(r)).collect();
         let part_of = |bucket: u32| bucket as usize / self.buckets_per_part;
         let mut starts = vec![0_u32; PARTS + 1];
         for &bucket in &buckets {
@@ -134,6 +131,11 @@ impl Layout {
         ChunkOrder { entries, starts }
     }
 
+    fn bucket(&self, record: &Record) -> u32 {
+        let first = bucket_of(cell(record.position, self.cells_per_unit));
+        first.wrapping_add(row_of(self.direction_key(record))) & self.mask
+    }
+
     fn direction_key(&self, record: &Record) -> u32 {
         self.row_shift.map_or(0, |shift| sort_key(record.direction, shift))
     }
@@ -141,7 +143,7 @@ impl Layout {
 
 /// The parts of records, each in an array.
 struct Arrays<'a> {
-    positions: &'a mut [[f32; 3]],
+    positions: [&'a mut [f32]; 3],
     directions: &'a mut [u32],
     weights: &'a mut [Spectrum],
     normals: &'a mut [u16],
@@ -150,20 +152,20 @@ struct Arrays<'a> {
 
 impl<'a> Arrays<'a> {
     fn split_at(self, size: usize) -> (Self, Self) {
-        let (positions, positions_after) = self.positions.split_at_mut(size);
+        let [(x, x_after), (y, y_after), (z, z_after)] = self.positions.map(|axis| axis.split_at_mut(size));
         let (directions, directions_after) = self.directions.split_at_mut(size);
         let (weights, weights_after) = self.weights.split_at_mut(size);
         let (normals, normals_after) = self.normals.split_at_mut(size);
         let (edges, edges_after) = self.edges.split_at_mut(size);
         let before = Self {
-            positions,
+            positions: [x, y, z],
             directions,
             weights,
             normals,
             edges,
         };
         let after = Self {
-            positions: positions_after,
+            positions: [x_after, y_after, z_after],
             directions: directions_after,
             weights: weights_after,
             normals: normals_after,
@@ -173,7 +175,9 @@ impl<'a> Arrays<'a> {
     }
 
     fn set(&mut self, index: usize, record: &Record) {
-        self.positions[index] = record.position.to_array();
+        for (axis, coordinate) in self.positions.iter_mut().zip(record.position.to_array()) {
+            axis[index] = coordinate;
+        }
         self.directions[index] = record.direction;
         self.weights[index] = record.weight;
         self.normals[index] = record.normal;
@@ -192,7 +196,7 @@ struct PartTask<'a> {
 
 impl PartTask<'_> {
     fn fill(mut self, layout: &Layout, chunks: &[Vec<Record>], orders: &[ChunkOrder]) {
-        let mut keys: Vec<(u64, u64)> = Vec::with_capacity(self.arrays.positions.len());
+        let mut keys: Vec<(u64, u64)> = Vec::with_capacity(self.arrays.weights.len());
         for (chunk, order) in orders.iter().enumerate() {
             for &(bucket, index) in
                 &order.entries[order.starts[self.part] as usize..order.starts[self.part + 1] as usize]

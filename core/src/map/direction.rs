@@ -1,6 +1,8 @@
 //! Unit directions in 32 bits, by the face of a cube and the place on it, and the part of the cube that a cone covers.
 
+use super::LANES;
 use crate::math::Vec3;
+use wide::{f32x4, i32x4};
 
 /// Bits of the coordinate along a row of a face.
 const COLUMN_BITS: u32 = 15;
@@ -42,8 +44,27 @@ pub fn decode_direction(code: u32) -> Vec3 {
     }
 }
 
+/// [`decode_direction`] for [`LANES`] directions on the same face: their components along the rows, across them, and along the
+/// face's axis.
+#[inline(always)]
+pub(super) fn decode_on_face(codes: [u32; LANES], face: u32) -> [f32x4; 3] {
+    let codes = i32x4::new(codes.map(|code| code as i32));
+    let coordinate = |part: i32x4, bits: u32| {
+        let index = f32x4::from_i32x4(part & i32x4::splat((1 << bits) - 1));
+        (index + f32x4::splat(0.5)) * f32x4::splat(2.0 / (1u32 << bits) as f32) - f32x4::ONE
+    };
+    let along = coordinate(codes, COLUMN_BITS);
+    let across = coordinate(codes >> COLUMN_BITS as i32, ROW_BITS);
+    let scale = f32x4::ONE / (f32x4::ONE + along * along + across * across).sqrt();
+    [
+        along * scale,
+        across * scale,
+        if face & 1 == 0 { scale } else { -scale },
+    ]
+}
+
 /// Coordinates of `d` along the rows of the faces of `axis`, across them, and along the axis.
-fn on_axis(d: Vec3, axis: u32) -> [f32; 3] {
+pub(super) fn on_axis(d: Vec3, axis: u32) -> [f32; 3] {
     match axis {
         0 => [d.y, d.z, d.x],
         1 => [d.z, d.x, d.y],
@@ -65,6 +86,11 @@ pub(super) fn sort_key(code: u32, shift: u32) -> u32 {
     (code >> COLUMN_BITS >> shift) << COLUMN_BITS | column
 }
 
+/// The group of rows that a sort key lies in.
+pub(super) fn row_of(key: u32) -> u32 {
+    key >> COLUMN_BITS
+}
+
 /// A rectangle on a face of the cube; both ends of its ranges belong to it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Window {
@@ -74,6 +100,10 @@ pub(super) struct Window {
 }
 
 impl Window {
+    pub(super) fn face(&self) -> u32 {
+        self.face
+    }
+
     /// Ranges of sort keys, one a row of `2^shift` quantised rows, both ends included.
     pub(super) fn keys(&self, shift: u32) -> impl Iterator<Item = [u32; 2]> + use<> {
         let face = self.face << ROW_BITS;

@@ -1,21 +1,23 @@
 //! The map that photons and cones are found in: records sorted by cell of position, and in each cell by direction.
 //!
-//! The iteration's bandwidth is one global number for all queries, so the map is built for it: a hashed grid of cells as
-//! wide as a few tenths more than the radius. Within a cell records are sorted by rows of directions and along each row, so
-//! that a query finds those that point its way by bisection and reads few others. Records are stored in that order, an
-//! array for each of their parts. Order depends on the records alone, whatever the number of threads; a record that no query
+//! The iteration's bandwidth is one global number for all queries, so the map is built for it: a hashed grid of cells of
+//! position, as wide as the radius, and rows of directions. Within a row records are sorted along it, so that a query finds those
+//! that point its way by bisection and reads few others. Records are stored in that order, an array for each of their parts. Order depends on the records alone, whatever the number of threads; a record that no query
 //! asks for changes nothing for the others.
 
 mod build;
 mod direction;
 mod occupancy;
+mod scan;
 
 pub use direction::{decode_direction, encode_direction};
 pub use occupancy::Occupancy;
 
 use crate::math::{PI, Vec3, sin, warp::one_minus_cos};
 use crate::spectrum::Spectrum;
-use direction::{Windows, sort_key};
+use direction::{Windows, row_of, sort_key};
+use scan::Test;
+use std::ops::Range;
 
 /// A photon or a cone, as light paths produce it.
 #[derive(Clone, Copy, Debug)]
@@ -113,9 +115,10 @@ pub struct RecordMap {
     cells_per_unit: f32,
     /// Rows of directions are sorted in groups of `2^row_shift`.
     row_shift: u32,
-    /// `starts[b]..starts[b + 1]` are the records of bucket `b`.
+    /// `starts[b]..starts[b + 1]` are the records of bucket `b`: those of some rows of directions in some cells, by direction.
     starts: Vec<u32>,
-    positions: Vec<[f32; 3]>,
+    /// Coordinates of the positions, axis by axis, and directions: each with [`LANES`] more at the end.
+    positions: [Vec<f32>; 3],
     directions: Vec<u32>,
     weights: Vec<Spectrum>,
     normals: Vec<u16>,
@@ -125,25 +128,25 @@ pub struct RecordMap {
 /// Most records a map holds: indices are 32 bits wide.
 pub const MAX_RECORDS: usize = u32::MAX as usize;
 
+/// Records that are tested at a time.
+const LANES: usize = 4;
+
 /// Side of a cell over the radius: smaller cells make a query read fewer records in more places.
-const CELL_OVER_RADIUS: f32 = 1.25;
+const CELL_OVER_RADIUS: f32 = 1.0;
 
 /// A record within a query's reach.
 #[derive(Clone, Copy, Debug)]
 pub struct Neighbour<'a> {
     map: &'a RecordMap,
     index: usize,
-    /// Squared distance from the query.
-    pub distance2: f32,
-    /// Squared distance on the unit sphere between the query's direction and the record's.
-    pub chord2: f32,
 }
 
 impl Neighbour<'_> {
     /// Position [scene units].
     #[must_use]
     pub fn position(&self) -> Vec3 {
-        Vec3::from_array(self.map.positions[self.index])
+        let [x, y, z] = &self.map.positions;
+        Vec3::new(x[self.index], y[self.index], z[self.index])
     }
 
     /// Unit direction, to about 7e-5 radians.
@@ -175,20 +178,20 @@ impl RecordMap {
     /// Number of records.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.positions.len()
+        self.weights.len()
     }
 
     /// Whether there are no records.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.positions.is_empty()
+        self.weights.is_empty()
     }
 
     /// Memory that the records and their directory take [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.starts)
-            + size_of_val(&*self.positions)
+            + self.positions.iter().map(|axis| size_of_val(&**axis)).sum::<usize>()
             + size_of_val(&*self.directions)
             + size_of_val(&*self.weights)
             + size_of_val(&*self.normals)
@@ -208,40 +211,28 @@ impl RecordMap {
         let everywhere = self.reach.is_omnidirectional();
         let mut read = 0;
         self.cells_around(center, reach.radius, |cell| {
-            let bucket = bucket_of(cell, self.starts.len() as u32 - 2) as usize;
-            let range = self.starts[bucket] as usize..self.starts[bucket + 1] as usize;
-            if range.is_empty() {
-                return;
-            }
-            let mut test = |index: usize| {
-                read += 1;
-                let position = Vec3::from_array(self.positions[index]);
-                let distance2 = (position - center).length_squared();
-                if distance2 >= reach.radius * reach.radius {
-                    return;
-                }
-                let chord2 = (decode_direction(self.directions[index]) - direction).length_squared();
-                if chord2 < reach.chord2 && self.cell(position) == cell {
-                    visit(Neighbour {
-                        map: self,
-                        index,
-                        distance2,
-                        chord2,
-                    });
-                }
+            let first_bucket = bucket_of(cell);
+            let mut scan = |run: Range<usize>, face: u32| {
+                read += run.len() as u64;
+                let test = Test::new(self, cell, center, direction, reach, face);
+                test.scan(self, run, &mut |index| visit(Neighbour { map: self, index }));
             };
             if everywhere {
-                range.for_each(test);
+                scan(self.bucket(first_bucket), 0);
                 return;
             }
             for window in windows.as_slice() {
-                let mut from = range.start;
                 for [low, high] in window.keys(self.row_shift) {
-                    let rest = &self.directions[from..range.end];
-                    from += rest.partition_point(|code| sort_key(*code, self.row_shift) < low);
-                    while from < range.end && sort_key(self.directions[from], self.row_shift) <= high {
-                        test(from);
-                        from += 1;
+                    let bucket = self.bucket(first_bucket.wrapping_add(row_of(low)));
+                    if bucket.is_empty() {
+                        continue;
+                    }
+                    let keys = &self.directions[bucket.clone()];
+                    let key = |code: &u32| sort_key(*code, self.row_shift);
+                    let from = keys.partition_point(|code| key(code) < low);
+                    let end = from + keys[from..].partition_point(|code| key(code) <= high);
+                    if from < end {
+                        scan(bucket.start + from..bucket.start + end, window.face());
                     }
                 }
             }
@@ -263,17 +254,23 @@ impl RecordMap {
                 .max(0.0);
             gap * gap
         };
-        for z in low[2]..=high[2].min(low[2] + 2) {
+        for z in low[2]..=high[2].min(low[2] + 3) {
             let gap_z = gap2(z, 2);
-            for y in low[1]..=high[1].min(low[1] + 2) {
+            for y in low[1]..=high[1].min(low[1] + 3) {
                 let gap_yz = gap_z + gap2(y, 1);
-                for x in low[0]..=high[0].min(low[0] + 2) {
+                for x in low[0]..=high[0].min(low[0] + 3) {
                     if gap_yz + gap2(x, 0) <= radius2 {
                         visit([x, y, z]);
                     }
                 }
             }
         }
+    }
+
+    /// Records of a bucket, whose number is taken modulo the number of buckets.
+    fn bucket(&self, bucket: u32) -> Range<usize> {
+        let bucket = bucket as usize & (self.starts.len() - 2);
+        self.starts[bucket] as usize..self.starts[bucket + 1] as usize
     }
 
     /// Cell coordinates of a position.
@@ -290,15 +287,14 @@ fn cell(position: Vec3, cells_per_unit: f32) -> [i32; 3] {
         .map(|c| (c as i32).clamp(i32::MIN + 4, i32::MAX - 4))
 }
 
-/// Bucket of a cell; `mask` is the number of buckets, a power of two, less one. Cells that are neighbours along x have
-/// neighbouring buckets, so that a query finds both in one place of memory.
-fn bucket_of(cell: [i32; 3], mask: u32) -> u32 {
+/// Bucket of a cell's first row of directions, to be taken modulo the number of buckets. The next rows have the next buckets,
+/// so that a query finds neighbouring rows in one place of memory.
+fn bucket_of(cell: [i32; 3]) -> u32 {
     let [x, y, z] = cell.map(|c| c as u32);
-    let mut row = y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d);
-    row ^= row >> 15;
-    row = row.wrapping_mul(0x2c1b_3c6d);
-    row ^= row >> 13;
-    row.wrapping_add(x) & mask
+    let mut hash = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d);
+    hash ^= hash >> 15;
+    hash = hash.wrapping_mul(0x2c1b_3c6d);
+    hash ^ hash >> 13
 }
 
 #[cfg(test)]

@@ -36,13 +36,14 @@ struct Techniques<'a, 'v> {
 }
 
 impl Techniques<'_, '_> {
-    /// Solid-angle density [1/sr] of each technique; zero for one that is not in use.
+    /// Solid-angle density [1/sr] of each technique; zero for one that is not in use, and for one too small to divide by.
     fn densities(&self, direction: Vec3) -> [f32; 3] {
-        [
+        let densities = [
             if self.bsdf { self.vertex.pdf(direction) } else { 0.0 },
             self.camera.as_ref().map_or(0.0, |lobe| lobe.pdf(direction)),
             self.importons.as_ref().map_or(0.0, |mixture| mixture.pdf(direction)),
-        ]
+        ];
+        densities.map(|density| if density.is_normal() { density } else { 0.0 })
     }
 
     /// Weight of a sample of `technique` by the power heuristic (thesis, equation 4.4), over its density.
@@ -147,3 +148,6 @@ impl<'a> ConeSampler<'a> {
         PathRandom::new(self.job.seed, self.job.iteration, Stream::Cone, cone)
     }
 }
+
+#[cfg(test)]
+mod tests;

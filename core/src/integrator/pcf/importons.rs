@@ -65,16 +65,14 @@ impl Importons {
 
     /// The mixture of the importons within a bandwidth of `position`.
     pub(super) fn around(&self, position: Vec3) -> Mixture {
-        let mut lobes = Vec::new();
-        let mut total = 0.0;
-        self.map.query(position, Vec3::Z, &self.reach, |importon| {
-            total += importon.weight()[0];
-            lobes.push((importon.direction(), total));
-        });
-        Mixture {
-            lobes,
+        let mut mixture = Mixture {
+            lobes: Vec::new(),
             one_minus_cos: self.one_minus_cos,
-        }
+        };
+        self.map.query(position, Vec3::Z, &self.reach, |importon| {
+            mixture.add(importon.direction(), importon.weight()[0]);
+        });
+        mixture
     }
 }
 
@@ -109,6 +107,11 @@ pub(super) struct Mixture {
 }
 
 impl Mixture {
+    fn add(&mut self, axis: Vec3, importance: f32) {
+        let before = self.lobes.last().map_or(0.0, |(_, sum)| *sum);
+        self.lobes.push((axis, before + importance));
+    }
+
     pub(super) fn sample(&self, choice: f32, u: Vec2) -> Vec3 {
         let Some((_, total)) = self.lobes.last() else {
             return square_to_sphere(u);
@@ -140,5 +143,20 @@ impl Mixture {
             before = *sum;
         }
         DEFENSIVE * UNIFORM + (1.0 - DEFENSIVE) * covered / (total * TAU * self.one_minus_cos)
+    }
+}
+
+#[cfg(test)]
+impl Mixture {
+    /// Lobes of half angle `theta` [radians], each with its axis and importance.
+    pub(super) fn of(lobes: &[(Vec3, f32)], theta: f32) -> Self {
+        let mut mixture = Self {
+            lobes: Vec::new(),
+            one_minus_cos: one_minus_cos(theta),
+        };
+        for (axis, importance) in lobes {
+            mixture.add(*axis, *importance);
+        }
+        mixture
     }
 }

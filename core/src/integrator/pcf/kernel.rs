@@ -64,7 +64,7 @@ impl<'a> Kernel<'a> {
             if cone.edges() > query.limit || (self.surface_test && !on_same_surface(&cone, query, &width.reach)) {
                 return;
             }
-            let value = self.value(&cone, &width.reach);
+            let value = self.value(&cone, query, &width.reach);
             if value > 0.0 {
                 counted += 1;
                 sum += cone.weight() * value;
@@ -73,20 +73,26 @@ impl<'a> Kernel<'a> {
         (sum * width.height, read, counted)
     }
 
-    /// The kernel over its height at the middle of the box.
-    fn value(&self, cone: &Neighbour, reach: &Reach) -> f32 {
+    /// The kernel over the height of the box.
+    #[inline]
+    fn value(&self, cone: &Neighbour, query: &Query, reach: &Reach) -> f32 {
+        if self.shape == KernelShape::Box && self.sigma_by_length.is_empty() {
+            return 1.0;
+        }
         let share = match self.sigma_by_length {
             [] => 1.0,
             shares => shares[(usize::from(cone.edges()) - 1).min(shares.len() - 1)],
         };
         let radius2 = sqr(share * reach.radius());
-        if cone.distance2 >= radius2 {
+        let distance2 = (cone.position() - query.position).length_squared();
+        if distance2 >= radius2 {
             return 0.0;
         }
         let shape = match self.shape {
             KernelShape::Box => 1.0,
             KernelShape::Epanechnikov => {
-                2.0 * (1.0 - cone.distance2 / radius2) * 2.0 * (1.0 - cone.chord2 / reach.chord2()).max(0.0)
+                let chord2 = (cone.direction() - query.direction).length_squared();
+                2.0 * (1.0 - distance2 / radius2) * 2.0 * (1.0 - chord2 / reach.chord2()).max(0.0)
             }
         };
         shape / sqr(share)
