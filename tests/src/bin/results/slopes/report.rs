@@ -107,7 +107,8 @@ a straight line is fitted to their logarithms.
 at the brightest point. The light's image lies h = 1.5 above the floor, so radiance at distance r falls as (1 + r^2/h^2)^(-3/2), and its mean
 over a disc has a closed form. The light comes by three edges, which `pppm` too leaves to photons. *direction*: a rough mirror (GGX, alpha 0.2)
 under a directional light; radiance depends on direction alone, and its mean over the kernel is a quadrature over the material. Every
-kernel lies within what is lit, so there is no bias from edges. First bandwidths: sigma 0.6, theta 12 degrees.
+kernel lies within what is lit, so there is no bias from edges. First bandwidths: sigma 0.6, theta 12 degrees. Random numbers are
+independent (`sampling=independent`), as the theory has them.
 
 ";
 

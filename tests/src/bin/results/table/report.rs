@@ -30,6 +30,8 @@ distance 1; with parallel rays `I / A` for a point, where `A` is the area of the
 
 `pcf` moves light by up to its kernel, sigma 0.06 to 0.1 (the scenes have a size of about 2) and theta 5 to 25 degrees, so a ratio may miss 1 by the bias
 of that kernel, a few percent, beside its standard error. A light seen by mirrors lies in the middle of the image, where its blur does not leave the image.
+
+There is no row for a light seen without any surface (L E): cones lie on surfaces.
 ";
 
 /// Writes `singularities.csv` and `singularities.md` to `folder`.
