@@ -154,18 +154,6 @@ impl World {
     }
 }
 
-/// The mean of a texture over its image, for the power of a light.
-fn mean_luminance(texture: &Texture) -> f32 {
-    match texture {
-        Texture::Constant(value) => value.luminance(),
-        Texture::Checkerboard { even, odd, .. } => 0.5 * (even.luminance() + odd.luminance()),
-        Texture::Bitmap(bitmap, _) => {
-            let sum: f64 = bitmap.texels.iter().map(|texel| f64::from(texel.luminance())).sum();
-            (sum / bitmap.texels.len().max(1) as f64) as f32
-        }
-    }
-}
-
 impl Source {
     fn new(light: Light, geometry: &Geometry) -> Self {
         match light {
@@ -191,7 +179,7 @@ impl Source {
     /// Luminous part of the power that enters the scene.
     fn power(&self, world: &World) -> f32 {
         match self {
-            Self::Area { sampler, radiance } => mean_luminance(radiance) * PI * sampler.area(),
+            Self::Area { sampler, radiance } => radiance.mean().luminance() * PI * sampler.area(),
             Self::Point { intensity, .. } => intensity.luminance() * 4.0 * PI,
             Self::Spot(spot) => spot.power(),
             Self::Directional { irradiance, .. } => irradiance.luminance() * world.cross_section(),
