@@ -6,6 +6,7 @@
 //! `FALSE_ALARMS`. Seeds are fixed, so a test that passes once passes always.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings,
@@ -67,6 +68,7 @@ fn reference(scene: &Scene) -> Moments {
     by_length(scene, 1, 120, |depth| {
         IntegratorSettings::Path(PathSettings {
             samples: 16,
+            sampling: Sampling::Independent,
             max_depth: Some(depth),
         })
     })
@@ -77,6 +79,7 @@ fn narrow() -> PcfSettings {
     PcfSettings {
         photons: 12_000,
         samples: 2,
+        sampling: Sampling::Independent,
         sigma1: Some(0.05),
         theta1: 12.0,
         ..Default::default()
