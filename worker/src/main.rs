@@ -32,14 +32,14 @@ struct Options {
     #[arg(long)]
     name: Option<String>,
     /// Format of the log; RUST_LOG chooses what it tells.
-    #[arg(long, value_enum, default_value_t = LogFormat::Human)]
+    #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 enum LogFormat {
     /// Lines for people.
-    Human,
+    Text,
     /// One JSON object a line.
     Json,
 }
@@ -108,7 +108,29 @@ fn start_log(format: LogFormat) {
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
     match format {
-        LogFormat::Human => log.with_ansi(std::io::stderr().is_terminal()).init(),
+        LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).init(),
         LogFormat::Json => log.json().init(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_log_has_the_formats_of_the_coordinators() {
+        let parse = |format| {
+            let line = [
+                "photonfarm-worker",
+                "--coordinator",
+                "http://127.0.0.1:1",
+                "--log-format",
+                format,
+            ];
+            Options::try_parse_from(line).map(|options| options.log_format)
+        };
+        assert!(matches!(parse("text"), Ok(LogFormat::Text)));
+        assert!(matches!(parse("json"), Ok(LogFormat::Json)));
+        assert!(parse("human").is_err());
     }
 }

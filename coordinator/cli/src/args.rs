@@ -112,9 +112,17 @@ pub(crate) struct ServeArgs {
     /// Allow an address that other machines can reach: whoever can connect can do everything
     #[arg(long)]
     pub(crate) insecure_listen: bool,
-    /// Log as JSON, one object per line
-    #[arg(long)]
-    pub(crate) log_json: bool,
+    /// Format of the log; RUST_LOG chooses what it tells
+    #[arg(long, value_enum, default_value_t = LogFormat::Text)]
+    pub(crate) log_format: LogFormat,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// Lines for people
+    Text,
+    /// One JSON object a line
+    Json,
 }
 
 #[derive(Debug, Args)]
@@ -197,7 +205,7 @@ mod tests {
         for line in [
             "photonfarm render s.xml -o o.exr --integrator path --iterations 4 --seed 7 -D a=b -D c=d=e \
              --set samples=2 --set max_depth=-1 --threads 3 --stats s.json",
-            "photonfarm serve --listen 127.0.0.1:0 --data d",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --log-format json",
             "photonfarm submit s.xml --coordinator http://localhost:1 --wait -o o.exr --integrator pcf -Dx=1",
         ] {
             Cli::try_parse_from(line.split_whitespace()).unwrap_or_else(|e| panic!("{line}: {e}"));
@@ -215,6 +223,7 @@ mod tests {
             "photonfarm render s.xml -o o.exr --set =1",
             "photonfarm submit s.xml --coordinator http://localhost:1 -o o.exr",
             "photonfarm serve --data d",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --log-format xml",
         ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_err(), "{line}");
         }

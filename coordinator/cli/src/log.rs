@@ -1,17 +1,17 @@
 //! The log, on standard error. `RUST_LOG` chooses what it tells.
 
+use crate::args::LogFormat;
 use std::io::IsTerminal;
 use tracing_subscriber::EnvFilter;
 
 /// Starts the log; `default` is what it tells unless the user chooses.
-pub(crate) fn start(default: &str, json: bool) {
+pub(crate) fn start(default: &str, format: LogFormat) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
-    if json {
-        log.json().init();
-    } else {
-        log.with_ansi(std::io::stderr().is_terminal()).init();
+    match format {
+        LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).init(),
+        LogFormat::Json => log.json().init(),
     }
 }

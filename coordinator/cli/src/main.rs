@@ -12,7 +12,7 @@ mod settings;
 mod stats;
 mod submit;
 
-use args::{Cli, Command};
+use args::{Cli, Command, LogFormat};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -27,8 +27,8 @@ const EXIT_INTERRUPTED: u8 = 130;
 fn main() -> ExitCode {
     let command = Cli::parse().command;
     match &command {
-        Command::Serve(args) => log::start("info", args.log_json),
-        Command::Render(_) | Command::Submit(_) => log::start("warn", false),
+        Command::Serve(args) => log::start("info", args.log_format),
+        Command::Render(_) | Command::Submit(_) => log::start("warn", LogFormat::Text),
     }
     let result = match command {
         Command::Render(args) => render::run(args),
