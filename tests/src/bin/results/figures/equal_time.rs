@@ -72,8 +72,8 @@ fn methods(scene: &Scene, photons: u32) -> Vec<Method> {
 /// Renders all methods and writes them to the page and to `figures-5-pyramids.csv`.
 pub(super) fn run(options: &Options, page: &mut Page) -> Result<()> {
     let scaled = |full: f64, small: f64| if options.small { small } else { full };
-    let size = [scaled(160.0, 48.0) as u32; 2];
-    let (budget, reference_budget) = (scaled(20.0, 1.0), scaled(120.0, 6.0));
+    let size = [scaled(128.0, 48.0) as u32; 2];
+    let (budget, reference_budget) = (scaled(20.0, 1.0), scaled(200.0, 6.0));
     let scene = stage::load(&options.scenes.join("pyramids"), size)?;
     let bar = progress("figures 5.8 to 5.13", 0);
     let truth = Truth::measure(&scene, reference_budget)?;

@@ -52,22 +52,22 @@ const WITH_IMPORTONS: Technique = ("BSDF, camera and importons", IMPORTON, "impo
 fn comparisons(options: &Options) -> Vec<Comparison> {
     let bunny = options.scenes.join("cornell-bunny");
     let scaled = |full: u32, small: u32| if options.small { small } else { full };
-    let size = [scaled(256, 48); 2];
+    let size = [scaled(192, 48); 2];
     let common = |figures, title, lookup, techniques| Comparison {
         figures,
         title,
         scene: bunny.clone(),
         size,
-        cones: scaled(240_000, 24_000),
+        cones: scaled(120_000, 24_000),
         sigma1: 0.1,
         lookup,
         iterations: scaled(40, 4),
-        pairs: if options.small { 8 } else { 3 },
+        pairs: if options.small { 8 } else { 2 },
         techniques,
     };
     let torus = stage::torus(options).map(|scene| Comparison {
         scene,
-        size: [scaled(256, 48), scaled(192, 36)],
+        size: [scaled(224, 48), scaled(168, 36)],
         // A tenth of half the side of the glass cube.
         sigma1: 1.0,
         ..common(

@@ -100,7 +100,7 @@ fn studies(options: &Options) -> Vec<Study> {
         iterations,
         runs,
         reference: Reference::Path {
-            iterations: scaled(200, 24),
+            iterations: scaled(100, 24),
             samples: scaled(2048, 1024),
         },
     };
