@@ -19,12 +19,13 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let start = Instant::now();
     let mut page = Page::default();
     page.heading(1, "Figures of the thesis, repeated");
-    page.paragraph(
-        "Written by `cargo run --release -p photonfarm-tests --bin results -- figures`. Figures are those of C.-Y. Chang, \
+    let small = if options.small { " --small" } else { "" };
+    page.paragraph(&format!(
+        "Written by `cargo run --release -p photonfarm-tests --bin results -- figures{small}`. Figures are those of C.-Y. Chang, \
          \"Photon Cone Focusing\" (2019), by their numbers there. Rooms have a side of about 2, as in the thesis; the scenes are \
          `scenes/box`, `scenes/cornell-bunny` and `scenes/pyramids`, and Hachisuka's torus where `--others FOLDER` names a folder \
-         with it. Seeds are fixed: the numbers repeat, but for times and what depends on them.",
-    );
+         with it. Seeds are fixed: the numbers repeat, but for times and what depends on them."
+    ));
     if stage::torus(options).is_none() {
         let left_out = "The torus scene is not given (`--others FOLDER`): figures 4.2, 5.4 and 5.5 are left out.";
         eprintln!("{left_out}");
