@@ -233,7 +233,7 @@ impl Comparison {
             )
         };
         format!(
-            "At equal numbers of cones \"{after}\" has {outcome} \"{before}\", within three standard errors. It \
+            "At equal numbers of cones \"{after}\" has {outcome} \"{before}\" (one standard error). It \
              takes {time:.2} times the processor time; with light paths to match, its variance at equal time is {:.2} times as large.",
             time / ratio
         )
