@@ -159,8 +159,8 @@ pub(super) fn run(options: &Options, page: &mut Page) -> Result<()> {
     }
     page.paragraph(
         "Where the first disc is wider than a caustic, the error starts slower than the theory's slope, which holds once the disc fits \
-         into what it sees. With so few light paths noise soon rules at the dim places. Errors below the reference's own standard error say nothing: in the small \
-         version that is most of the torus.",
+         into what it sees. With so few light paths noise soon rules at the dim places. Errors below the reference's \
+         own standard error say nothing: in the small version that is most of the torus.",
     );
     Ok(())
 }
