@@ -1,9 +1,9 @@
 //! Every technique of photon cone focusing alone and with the others, against `path`.
 //!
 //! Radiance is compared path length by path length: the image with `max_depth` n less the image with n - 1, of the same
-//! seed, holds the paths of n edges and nothing else, since random numbers do not depend on `max_depth`. Means over
-//! blocks of pixels are compared by z-tests; a test of all lengths and blocks together fails by chance with probability
-//! `FALSE_ALARMS`. Seeds are fixed, so a test that passes once passes always.
+//! seed, holds the paths of n edges and nothing else, since random numbers do not depend on `max_depth`. Means over the image
+//! are compared by z-tests; a test of all lengths together fails by chance with probability `FALSE_ALARMS`. Seeds are fixed,
+//! so a test that passes once passes always.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
@@ -18,9 +18,8 @@ use std::path::Path;
 /// Probability with which a comparison of equal estimators fails.
 const FALSE_ALARMS: f64 = 1e-4;
 
-/// Pixels across and down, and those of a block.
+/// Pixels across and down.
 const SIZE: usize = 16;
-const BLOCK: usize = 8;
 
 /// Path lengths that are compared: 1 to this number of edges.
 const LONGEST: u32 = 5;
@@ -32,33 +31,24 @@ fn load(name: &str) -> Scene {
     Scene::load(&files, name, &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Means of luminance over blocks of pixels.
-fn blocks(scene: &Scene, settings: &IntegratorSettings, seed: u64, iteration: u32) -> Vec<f64> {
+/// Mean luminance of the image.
+fn mean(scene: &Scene, settings: &IntegratorSettings, seed: u64, iteration: u32) -> f64 {
     let image = render_iteration(scene, settings, seed, iteration, &Unobserved).expect("the iteration renders");
-    let across = SIZE / BLOCK;
-    let mut blocks = vec![0.0; across * across];
-    for (index, pixel) in image.pixels.iter().enumerate() {
-        let (x, y) = (index % SIZE / BLOCK, index / SIZE / BLOCK);
-        blocks[y * across + x] += f64::from(pixel.luminance()) / (BLOCK * BLOCK) as f64;
-    }
-    blocks
+    let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum();
+    sum / image.pixels.len() as f64
 }
 
-/// Radiance of the blocks for each path length in turn, over iterations; `settings` makes settings of a `max_depth`.
+/// Mean luminance by path length, over iterations; `settings` makes settings of a `max_depth`.
 fn by_length(scene: &Scene, seed: u64, iterations: u32, settings: impl Fn(u32) -> IntegratorSettings) -> Moments {
     let mut moments = Moments::default();
     for iteration in 1..=iterations {
-        let mut before = Vec::new();
-        let mut lengths = Vec::new();
-        for depth in 1..=LONGEST {
-            let upto = blocks(scene, &settings(depth), seed, iteration);
-            lengths.extend(
-                upto.iter()
-                    .enumerate()
-                    .map(|(i, v)| v - before.get(i).copied().unwrap_or(0.0)),
-            );
-            before = upto;
-        }
+        let mut shorter = 0.0;
+        let lengths: Vec<f64> = (1..=LONGEST)
+            .map(|depth| {
+                let upto = mean(scene, &settings(depth), seed, iteration);
+                upto - std::mem::replace(&mut shorter, upto)
+            })
+            .collect();
         moments.push(&lengths);
     }
     moments
@@ -77,11 +67,12 @@ fn reference(scene: &Scene) -> Moments {
 /// Kernels narrow enough that their bias stays below the noise.
 fn narrow() -> PcfSettings {
     PcfSettings {
-        photons: 12_000,
+        photons: 20_000,
         samples: 2,
         sampling: Sampling::Independent,
         sigma1: Some(0.05),
         theta1: 12.0,
+        sampling: Sampling::Independent,
         ..Default::default()
     }
 }
@@ -102,7 +93,7 @@ fn check(scene: &Scene, truth: &Moments, label: &str, settings: &PcfSettings) {
         100.0 * test.relative_difference
     );
     assert!(test.passes(), "{label}: {test:?}");
-    assert!(test.relative_noise < 0.2, "{label}: the test has power: {test:?}");
+    assert!(test.relative_noise < 0.1, "{label}: the test has power: {test:?}");
 }
 
 fn fixed(k: u32) -> PcfSettings {
@@ -128,7 +119,8 @@ fn each_sampler_and_every_combination_agree_with_path_tracing() {
     let truth = reference(&scene);
     for samplers in combinations {
         for k in [1, 2] {
-            if k == 1 && samplers.len() == 2 {
+            // Camera connections alone leave directions away from the camera without a density.
+            if (k == 1 && samplers.len() == 2) || (k == 2 && samplers == [Camera]) {
                 continue;
             }
             let settings = PcfSettings {
