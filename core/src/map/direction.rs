@@ -44,6 +44,30 @@ pub fn decode_direction(code: u32) -> Vec3 {
     }
 }
 
+/// Bits that a coarse direction drops from each coordinate.
+const COARSE: u32 = 8;
+const COARSE_COLUMN_BITS: u32 = COLUMN_BITS - COARSE;
+const COARSE_ROW_BITS: u32 = ROW_BITS - COARSE;
+
+/// A unit direction in 16 bits.
+pub(super) fn encode_coarse(d: Vec3) -> u16 {
+    let code = encode_direction(d);
+    let row = code >> COLUMN_BITS & ((1 << ROW_BITS) - 1);
+    let column = code & ((1 << COLUMN_BITS) - 1);
+    let face = code >> (ROW_BITS + COLUMN_BITS);
+    (face << (COARSE_ROW_BITS + COARSE_COLUMN_BITS) | row >> COARSE << COARSE_COLUMN_BITS | column >> COARSE) as u16
+}
+
+/// The unit direction of [`encode_coarse`], to about a degree.
+pub(super) fn decode_coarse(code: u16) -> Vec3 {
+    let code = u32::from(code);
+    let middle = 1 << (COARSE - 1);
+    let column = (code & ((1 << COARSE_COLUMN_BITS) - 1)) << COARSE | middle;
+    let row = (code >> COARSE_COLUMN_BITS & ((1 << COARSE_ROW_BITS) - 1)) << COARSE | middle;
+    let face = code >> (COARSE_ROW_BITS + COARSE_COLUMN_BITS);
+    decode_direction(face << (ROW_BITS + COLUMN_BITS) | row << COLUMN_BITS | column)
+}
+
 /// [`decode_direction`] for [`LANES`] directions on the same face: their components along the rows, across them, and along the
 /// face's axis.
 #[inline(always)]
@@ -255,6 +279,8 @@ mod tests {
         for direction in axes().into_iter().chain((0..10_000).map(direction)) {
             let error = (decode_direction(encode_direction(direction)) - direction).length();
             assert!(error < 7e-5, "{direction}: off by {error}");
+            let error = (decode_coarse(encode_coarse(direction)) - direction).length();
+            assert!(error < 0.019, "{direction}: off by {error}");
         }
     }
 

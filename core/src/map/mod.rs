@@ -15,7 +15,7 @@ pub use occupancy::Occupancy;
 
 use crate::math::{PI, Vec3, sin, warp::one_minus_cos};
 use crate::spectrum::Spectrum;
-use direction::{Windows, row_of, sort_key};
+use direction::{Windows, decode_coarse, encode_coarse, row_of, sort_key};
 use scan::Test;
 use std::ops::Range;
 
@@ -41,7 +41,7 @@ impl Record {
             position,
             weight,
             direction: encode_direction(direction),
-            normal: (encode_direction(normal) >> 16) as u16,
+            normal: encode_coarse(normal),
             edges: count_edges(edges),
         }
     }
@@ -158,7 +158,7 @@ impl Neighbour<'_> {
     /// Geometric normal, to about a degree.
     #[must_use]
     pub fn normal(&self) -> Vec3 {
-        decode_direction(u32::from(self.map.normals[self.index]) << 16 | 1 << 15)
+        decode_coarse(self.map.normals[self.index])
     }
 
     /// Flux of the photon, or weight of the cone.

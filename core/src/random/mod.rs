@@ -21,6 +21,8 @@ pub enum Stream {
     Probe = 3,
     /// Directions of the cones at the vertices of light paths.
     Cone = 4,
+    /// Points of the discs about queries.
+    Disc = 5,
 }
 
 /// How the random numbers of paths relate to each other.

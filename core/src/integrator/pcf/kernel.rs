@@ -21,6 +21,7 @@ pub(super) struct Kernel<'a> {
 
 /// The kernel's size on a kind of surface.
 struct Width {
+    bandwidth: Bandwidth,
     reach: Reach,
     /// `1 / (pi sigma^2 2 pi (1 - cos theta))` (thesis, equation 3.6) [1 / (unit^2 sr)].
     height: f32,
@@ -29,6 +30,7 @@ struct Width {
 impl Width {
     fn new(bandwidth: Bandwidth) -> Self {
         Self {
+            bandwidth,
             reach: Reach::new(bandwidth.sigma, bandwidth.theta),
             height: 1.0 / (PI * sqr(bandwidth.sigma) * TAU * one_minus_cos(bandwidth.theta)),
         }
@@ -54,10 +56,23 @@ impl<'a> Kernel<'a> {
         &self.widths[0].reach
     }
 
+    pub(super) fn shape(&self) -> KernelShape {
+        self.shape
+    }
+
+    /// Size of the kernel about a query.
+    pub(super) fn bandwidth(&self, query: &Query) -> Bandwidth {
+        self.width(query).bandwidth
+    }
+
+    fn width(&self, query: &Query) -> &Width {
+        &self.widths[usize::from(query.surface != Surface::Rough)]
+    }
+
     /// `sum_j K(psi_j - psi) weight_j` over the cones of `map` (thesis, equation 3.11) [W/(unit^2 sr)], and how many records were read
     /// and counted.
     pub(super) fn sum(&self, map: &RecordMap, query: &Query) -> (Spectrum, u64, u64) {
-        let width = &self.widths[usize::from(query.surface != Surface::Rough)];
+        let width = self.width(query);
         let mut sum = Spectrum::ZERO;
         let mut counted = 0;
         let read = map.query(query.position, query.direction, &width.reach, |cone| {
@@ -101,10 +116,10 @@ impl<'a> Kernel<'a> {
 
 /// Part of the radius that a cone may lie off the query's tangent plane. On a surface of radius of curvature R a cone at the
 /// distance sigma lies `sigma^2 / 2R` off it, so that the test refuses nothing on smooth surfaces once sigma is below R / 2.
-const OFF_PLANE: f32 = 0.25;
+pub(super) const OFF_PLANE: f32 = 0.25;
 
 /// Cosine of the largest angle between the normals of the query and of the cone, which on a smooth surface is about sigma / R.
-const NORMALS_APART: f32 = 0.7;
+pub(super) const NORMALS_APART: f32 = 0.7;
 
 /// Whether a cone may be taken for one of the surface that the query lies on: close to its tangent plane, with a similar
 /// normal, and leaving on the same side. On a smooth surface all three hold as the kernel shrinks.

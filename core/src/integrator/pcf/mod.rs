@@ -12,6 +12,7 @@
 //! camera sees directly.
 
 mod camera_lobe;
+mod clip;
 mod cone_sampler;
 mod importons;
 mod kernel;
@@ -90,12 +91,16 @@ impl<'a> Pass<'a> {
         counts: &mut Counts,
     ) -> Result<Self, RenderError> {
         observer.phase(Phase::TraceCamera);
-        let queries = Queries::trace(job, settings, pixels, observer, counts)?;
+        let kernel = Kernel::new(settings, bandwidth);
+        let mut queries = Queries::trace(job, settings, pixels, observer, counts)?;
+        if settings.surface_test {
+            counts.rays += queries.clip(job, &kernel);
+        }
         let importons = Importons::build(&queries, settings, bandwidth);
         Ok(Self {
             job,
             settings,
-            kernel: Kernel::new(settings, bandwidth),
+            kernel,
             queries,
             cones: ConeSampler::new(job, settings, bandwidth, importons),
         })

@@ -1,11 +1,13 @@
 //! Queries: what camera paths want to know from the map.
 
+use super::clip::share_on_surface;
 use super::kernel::Kernel;
 use crate::integrator::camera_path::{self, Visit};
-use crate::integrator::vertex::Vertex;
+use crate::integrator::vertex::{Tracer, Vertex};
 use crate::integrator::{Counts, GLOSSY_ROUGHNESS, Job, Observer, RenderError, edge_limit, trace_pixels};
 use crate::map::{Occupancy, Reach, RecordMap, count_edges};
 use crate::math::Vec3;
+use crate::random::{PathRandom, Stream};
 use crate::settings::{LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
@@ -98,6 +100,21 @@ impl Queries {
             )
         })?;
         Ok(Self { pixels, tasks })
+    }
+
+    /// Makes up for the part of each query's kernel that does not lie on its surface. Returns the number of rays.
+    pub(super) fn clip(&mut self, job: &Job, kernel: &Kernel) -> u64 {
+        let clip_task = |(task, queries): (usize, &mut Vec<Query>)| {
+            let mut tracer = Tracer::new(job.scene);
+            for (index, query) in queries.iter_mut().enumerate() {
+                let disc = (task as u64) << 32 | index as u64;
+                let mut random = PathRandom::new(job.seed, job.iteration, Stream::Disc, disc);
+                let bandwidth = kernel.bandwidth(query);
+                query.throughput *= 1.0 / share_on_surface(&mut tracer, query, bandwidth, kernel.shape(), &mut random);
+            }
+            tracer.rays
+        };
+        self.tasks.par_iter_mut().enumerate().map(clip_task).sum()
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = &Query> {

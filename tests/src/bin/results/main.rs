@@ -2,6 +2,7 @@
 
 mod csv;
 mod figures;
+mod leaks;
 mod plot;
 mod render;
 mod sampling;
@@ -42,6 +43,8 @@ enum Part {
     Figures,
     /// Variance under low-discrepancy sampling over that under independent sampling
     Sampling,
+    /// Light leaks and boundary bias, with and without the surface test
+    Leaks,
 }
 
 /// What every part is told.
@@ -76,6 +79,9 @@ fn main() -> Result<()> {
     }
     if part_is(|p| matches!(p, Part::Sampling)) {
         sampling::run(&options).context("sampling")?;
+    }
+    if part_is(|p| matches!(p, Part::Leaks)) {
+        leaks::run(&options).context("leaks")?;
     }
     Ok(())
 }
