@@ -107,7 +107,7 @@ fn build_map(bencher: Bencher, threads: usize) {
     let records = wall_records(RECORDS);
     bencher
         .counter(ItemsCount::new(RECORDS))
-        .bench(|| on_pool(threads, || RecordMap::build(&records, &Reach::new(RADIUS, PI))));
+        .bench(|| on_pool(threads, || RecordMap::build(&records, &Reach::new(RADIUS, PI), false)));
 }
 
 /// Queries in random order that find about two records each, on one thread; items are queries.
@@ -115,7 +115,7 @@ fn build_map(bencher: Bencher, threads: usize) {
 fn query_map(bencher: Bencher) {
     const QUERIES: u64 = 200_000;
     let reach = Reach::new(RADIUS, PI);
-    let map = RecordMap::build(&wall_records(1_000_000), &reach);
+    let map = RecordMap::build(&wall_records(1_000_000), &reach, false);
     let centers: Vec<Vec3> = wall_records(QUERIES)
         .into_iter()
         .flatten()

@@ -72,7 +72,6 @@ fn narrow() -> PcfSettings {
         sampling: Sampling::Independent,
         sigma1: Some(0.05),
         theta1: 12.0,
-        sampling: Sampling::Independent,
         ..Default::default()
     }
 }

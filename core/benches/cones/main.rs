@@ -63,7 +63,7 @@ impl Structure for RecordMap {
     const NAME: &'static str = "ours";
 
     fn build(records: &[Vec<Record>], reach: &Reach) -> Self {
-        Self::build(records, reach)
+        Self::build(records, reach, false)
     }
 
     fn bytes(&self) -> usize {
@@ -208,7 +208,10 @@ fn compare(name: &str, scene: &Scene, settings: &PcfSettings, iteration: u32) {
 }
 
 /// Wall-clock seconds of an iteration's phases.
-struct Clock(Mutex<(Instant, Option<Phase>, Vec<(Phase, f64)>)>);
+struct Clock(Mutex<PhaseTimes>);
+
+/// When the phase that is going on began, which it is, and the seconds of each so far.
+type PhaseTimes = (Instant, Option<Phase>, Vec<(Phase, f64)>);
 
 impl Observer for Clock {
     fn phase(&self, phase: Phase) {

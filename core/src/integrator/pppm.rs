@@ -63,7 +63,7 @@ fn render_batch(
 
     observer.phase(Phase::BuildMap);
     let reach = Reach::new(radius, PI);
-    let map = RecordMap::build(&photons, &reach);
+    let map = RecordMap::build(&photons, &reach, false);
     drop(photons);
 
     observer.phase(Phase::TraceCamera);

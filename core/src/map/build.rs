@@ -1,13 +1,17 @@
 use super::direction::{ROW_BITS, row_of, row_shift, sort_key};
-use super::{CELL_OVER_RADIUS, LANES, MAX_RECORDS, Reach, Record, RecordMap, bucket_of, cell};
+use super::{CELL_OVER_RADIUS, LANES, MAX_RECORDS, Reach, Record, RecordMap, bucket_of, cell, presence};
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Parts that the buckets are split into by their high bits, so that each can be sorted on its own.
 const PARTS: usize = 256;
 
 /// Records a bucket holds on average, about, where directions tell the records of a bucket apart.
-const RECORDS_PER_BUCKET: usize = 8;
+const RECORDS_PER_BUCKET: usize = 4;
+
+/// Bits of presence for each bucket.
+const BITS_PER_BUCKET: usize = 8;
 
 /// The records of one chunk of light paths, by part.
 struct ChunkOrder {
@@ -29,7 +33,8 @@ struct Layout {
 }
 
 impl RecordMap {
-    /// Builds the map for queries that reach as far as `reach`. `chunks` are records in the order of light paths.
+    /// Builds the map for queries that reach as far as `reach`. `chunks` are records in the order of light paths. `normals`: whether
+    /// their normals will be asked for.
     ///
     /// A stable sort by bucket, direction and path on the current rayon pool: every chunk is split by the high bits of the
     /// bucket, then every part is sorted. The result depends on the records and on nothing else.
@@ -37,7 +42,7 @@ impl RecordMap {
     /// # Panics
     /// If there are more than [`MAX_RECORDS`] records.
     #[must_use]
-    pub fn build(chunks: &[Vec<Record>], reach: &Reach) -> Self {
+    pub fn build(chunks: &[Vec<Record>], reach: &Reach, normals: bool) -> Self {
         let total: usize = chunks.iter().map(Vec::len).sum();
         assert!(
             total <= MAX_RECORDS,
@@ -54,17 +59,20 @@ impl RecordMap {
             buckets_per_part: buckets / PARTS,
             row_shift: (!everywhere).then_some(shift),
         };
-        let orders: Vec<ChunkOrder> = chunks.par_iter().map(|chunk| layout.split(chunk)).collect();
+        let words = buckets * BITS_PER_BUCKET / 64;
+        let present: Vec<AtomicU64> = std::iter::repeat_with(AtomicU64::default).take(words).collect();
+        let orders: Vec<ChunkOrder> = chunks.par_iter().map(|chunk| layout.split(chunk, &present)).collect();
         let mut map = Self {
             reach: *reach,
             cell_size,
             cells_per_unit: layout.cells_per_unit,
             row_shift: shift.min(ROW_BITS),
             starts: vec![0; buckets + 1],
+            present,
             positions: [(); 3].map(|()| vec![0.0; total + LANES]),
             directions: vec![0; total + LANES],
             weights: vec![Spectrum::ZERO; total],
-            normals: vec![0; total],
+            normals: vec![0; if normals { total } else { 0 }],
             edges: vec![0; total],
         };
         let tasks = map.tasks(&orders, &layout);
@@ -110,9 +118,15 @@ impl RecordMap {
 }
 
 impl Layout {
-    /// Orders a chunk by part.
-    fn split(&self, chunk: &[Record]) -> ChunkOrder {
-        let buckets: Vec<u32> = chunk.iter().map(|r| self.bucket(r)).collect();
+    /// Orders a chunk by part, and marks what is `present`.
+    fn split(&self, chunk: &[Record], present: &[AtomicU64]) -> ChunkOrder {
+        let mark = |record: &Record| {
+            let hash = self.hash(record);
+            let (word, bit) = presence(hash, present.len());
+            present[word].fetch_or(bit, Ordering::Relaxed);
+            hash & self.mask
+        };
+        let buckets: Vec<u32> = chunk.iter().map(mark).collect();
         let part_of = |bucket: u32| bucket as usize / self.buckets_per_part;
         let mut starts = vec![0_u32; PARTS + 1];
         for &bucket in &buckets {
@@ -131,9 +145,10 @@ impl Layout {
         ChunkOrder { entries, starts }
     }
 
-    fn bucket(&self, record: &Record) -> u32 {
+    /// Hash of the record's cell and row; its low bits are the bucket.
+    fn hash(&self, record: &Record) -> u32 {
         let first = bucket_of(cell(record.position, self.cells_per_unit));
-        first.wrapping_add(row_of(self.direction_key(record))) & self.mask
+        first.wrapping_add(row_of(self.direction_key(record)))
     }
 
     fn direction_key(&self, record: &Record) -> u32 {
@@ -155,7 +170,7 @@ impl<'a> Arrays<'a> {
         let [(x, x_after), (y, y_after), (z, z_after)] = self.positions.map(|axis| axis.split_at_mut(size));
         let (directions, directions_after) = self.directions.split_at_mut(size);
         let (weights, weights_after) = self.weights.split_at_mut(size);
-        let (normals, normals_after) = self.normals.split_at_mut(size);
+        let (normals, normals_after) = self.normals.split_at_mut(size.min(self.normals.len()));
         let (edges, edges_after) = self.edges.split_at_mut(size);
         let before = Self {
             positions: [x, y, z],
@@ -180,7 +195,9 @@ impl<'a> Arrays<'a> {
         }
         self.directions[index] = record.direction;
         self.weights[index] = record.weight;
-        self.normals[index] = record.normal;
+        if let Some(normal) = self.normals.get_mut(index) {
+            *normal = record.normal;
+        }
         self.edges[index] = record.edges;
     }
 }

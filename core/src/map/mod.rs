@@ -18,6 +18,7 @@ use crate::spectrum::Spectrum;
 use direction::{Windows, decode_coarse, encode_coarse, row_of, sort_key};
 use scan::Test;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A photon or a cone, as light paths produce it.
 #[derive(Clone, Copy, Debug)]
@@ -117,10 +118,13 @@ pub struct RecordMap {
     row_shift: u32,
     /// `starts[b]..starts[b + 1]` are the records of bucket `b`: those of some rows of directions in some cells, by direction.
     starts: Vec<u32>,
+    /// A bit for each hash of a cell and a row that some record has: most of what a query asks for is not there.
+    present: Vec<AtomicU64>,
     /// Coordinates of the positions, axis by axis, and directions: each with [`LANES`] more at the end.
     positions: [Vec<f32>; 3],
     directions: Vec<u32>,
     weights: Vec<Spectrum>,
+    /// Empty where nobody asks for normals.
     normals: Vec<u16>,
     edges: Vec<u8>,
 }
@@ -156,6 +160,9 @@ impl Neighbour<'_> {
     }
 
     /// Geometric normal, to about a degree.
+    ///
+    /// # Panics
+    /// If the map was built without normals.
     #[must_use]
     pub fn normal(&self) -> Vec3 {
         decode_coarse(self.map.normals[self.index])
@@ -191,6 +198,7 @@ impl RecordMap {
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.starts)
+            + size_of_val(&*self.present)
             + self.positions.iter().map(|axis| size_of_val(&**axis)).sum::<usize>()
             + size_of_val(&*self.directions)
             + size_of_val(&*self.weights)
@@ -218,15 +226,18 @@ impl RecordMap {
                 test.scan(self, run, &mut |index| visit(Neighbour { map: self, index }));
             };
             if everywhere {
-                scan(self.bucket(first_bucket), 0);
+                if self.may_hold(first_bucket) {
+                    scan(self.bucket(first_bucket), 0);
+                }
                 return;
             }
             for window in windows.as_slice() {
                 for [low, high] in window.keys(self.row_shift) {
-                    let bucket = self.bucket(first_bucket.wrapping_add(row_of(low)));
-                    if bucket.is_empty() {
+                    let hash = first_bucket.wrapping_add(row_of(low));
+                    if !self.may_hold(hash) {
                         continue;
                     }
+                    let bucket = self.bucket(hash);
                     let keys = &self.directions[bucket.clone()];
                     let key = |code: &u32| sort_key(*code, self.row_shift);
                     let from = keys.partition_point(|code| key(code) < low);
@@ -267,6 +278,12 @@ impl RecordMap {
         }
     }
 
+    /// Whether there may be records of the cell and row with this hash.
+    fn may_hold(&self, hash: u32) -> bool {
+        let (word, bit) = presence(hash, self.present.len());
+        self.present[word].load(Ordering::Relaxed) & bit != 0
+    }
+
     /// Records of a bucket, whose number is taken modulo the number of buckets.
     fn bucket(&self, bucket: u32) -> Range<usize> {
         let bucket = bucket as usize & (self.starts.len() - 2);
@@ -285,6 +302,11 @@ fn cell(position: Vec3, cells_per_unit: f32) -> [i32; 3] {
         .floor()
         .to_array()
         .map(|c| (c as i32).clamp(i32::MIN + 4, i32::MAX - 4))
+}
+
+/// Word and bit of the hash of a cell and a row in a table of `words` words.
+fn presence(hash: u32, words: usize) -> (usize, u64) {
+    ((hash as usize / 64) & (words - 1), 1 << (hash % 64))
 }
 
 /// Bucket of a cell's first row of directions, to be taken modulo the number of buckets. The next rows have the next buckets,

@@ -57,7 +57,7 @@ impl Importons {
         let stride = ((pilot_stride as f32 * crowd / NEIGHBOURS).ceil() as usize).max(1);
         let importons = if stride == pilot_stride { pilot } else { every(stride) };
         Some(Self {
-            map: RecordMap::build(&[importons], &reach),
+            map: RecordMap::build(&[importons], &reach, false),
             reach,
             one_minus_cos: one_minus_cos((bandwidth.theta + ROUNDING).min(PI)),
         })
@@ -89,7 +89,7 @@ fn record(query: &Query) -> Record {
 
 /// Mean number of importons in reach of an importon.
 fn mean_neighbours(importons: &[Record], reach: &Reach) -> f32 {
-    let map = RecordMap::build(&[importons.to_vec()], reach);
+    let map = RecordMap::build(&[importons.to_vec()], reach, false);
     let (mut probes, mut found) = (0, 0);
     for probe in importons.iter().step_by(importons.len().div_ceil(PROBES).max(1)) {
         probes += 1;
