@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const PARTS: usize = 256;
 
 /// Records a bucket holds on average, about, where directions tell the records of a bucket apart.
-const RECORDS_PER_BUCKET: usize = 4;
+const RECORDS_PER_BUCKET: usize = 8;
 
 /// Bits of presence for each bucket.
-const BITS_PER_BUCKET: usize = 8;
+const BITS_PER_BUCKET: usize = 64;
 
 /// The records of one chunk of light paths, by part.
 struct ChunkOrder {
