@@ -155,7 +155,7 @@ fn next_event(tracer: &mut Tracer, vertex: &Vertex, random: &mut PathRandom) -> 
 
 /// Power heuristic with beta = 2 for one sample of each of two techniques (Veach 1997, equation 9.13), written so that large
 /// densities do not overflow.
-pub(super) fn power_heuristic(pdf: f32, other: f32) -> f32 {
+fn power_heuristic(pdf: f32, other: f32) -> f32 {
     if pdf == 0.0 {
         return 0.0;
     }
