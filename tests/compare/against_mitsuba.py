@@ -60,7 +60,8 @@ def candidate(options, path, defines):
     seeds = range(1001, 1001 + options.seeds)
     if options.candidate == "mitsuba":
         return Mitsuba().renders(path, defines, SAMPLES, seeds)
-    return Photonfarm(options.photonfarm).renders(path, defines, "path", {"samples": 4}, SAMPLES // 4, seeds)
+    settings = {"samples": 4, "sampling": "independent"}  # as Mitsuba's `independent` sampler
+    return Photonfarm(options.photonfarm).renders(path, defines, "path", settings, SAMPLES // 4, seeds)
 
 
 def print_head(options):
