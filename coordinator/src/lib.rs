@@ -3,6 +3,7 @@
 //! [`scheduler`] decides and [`store`] keeps, both without the other; [`service`] joins them; the HTTP interface and
 //! [`Coordinator`] are the shell around it.
 
+pub mod access;
 mod api;
 pub mod scheduler;
 pub mod service;

@@ -12,4 +12,5 @@ pub mod job;
 pub mod limits;
 pub mod node;
 pub mod problem;
+pub mod token;
 pub mod worker;

@@ -17,6 +17,14 @@ pub enum ErrorCode {
     Invalid,
     /// Something exceeds a limit of the farm.
     Limit,
+    /// No token, or none that is valid.
+    Unauthorized,
+    /// The token does not allow it.
+    Forbidden,
+    /// The token's quota is used up.
+    Quota,
+    /// Too many requests in too short a time.
+    TooManyRequests,
     /// No such route, job, bundle, blob or worker.
     NotFound,
     /// The route has no such method.
@@ -53,6 +61,8 @@ impl ErrorCode {
     pub fn status(self) -> u16 {
         match self {
             Self::Malformed => 400,
+            Self::Unauthorized => 401,
+            Self::Forbidden | Self::Quota => 403,
             Self::NotFound | Self::NoImageYet | Self::UnknownWorker => 404,
             Self::MethodNotAllowed => 405,
             Self::BundleIncomplete | Self::JobEnded | Self::StaleLease | Self::ResultConflict => 409,
@@ -60,6 +70,7 @@ impl ErrorCode {
             Self::UnsupportedMediaType => 415,
             Self::Invalid | Self::ContentMismatch | Self::IdempotencyKeyReused => 422,
             Self::VersionMismatch => 426,
+            Self::TooManyRequests => 429,
             Self::Internal => 500,
             Self::Unavailable => 503,
         }
@@ -72,6 +83,10 @@ impl ErrorCode {
             Self::Malformed => "The request cannot be read",
             Self::Invalid => "The request asks for something that cannot be",
             Self::Limit => "A limit of the farm is exceeded",
+            Self::Unauthorized => "A valid token is needed",
+            Self::Forbidden => "The token does not allow it",
+            Self::Quota => "The token's quota is used up",
+            Self::TooManyRequests => "There were too many requests",
             Self::NotFound => "There is no such thing here",
             Self::MethodNotAllowed => "The method is not allowed here",
             Self::UnsupportedMediaType => "The media type is not accepted here",
@@ -92,7 +107,7 @@ impl ErrorCode {
     /// Whether the same request may succeed later.
     #[must_use]
     pub fn retryable(self) -> bool {
-        matches!(self, Self::Unavailable | Self::Internal)
+        matches!(self, Self::Unavailable | Self::Internal | Self::TooManyRequests)
     }
 }
 
@@ -124,6 +139,9 @@ pub struct Problem {
     /// Line of the offending text of the body.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<u64>,
+    /// Seconds to wait before the same request; also in the header `Retry-After`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retry_after_s: Option<u64>,
 }
 
 impl Problem {
@@ -138,6 +156,7 @@ impl Problem {
             retryable: code.retryable(),
             field: None,
             line: None,
+            retry_after_s: None,
         }
     }
 
@@ -146,6 +165,13 @@ impl Problem {
     pub fn at(mut self, field: impl Into<String>, line: Option<u64>) -> Self {
         self.field = Some(field.into());
         self.line = line;
+        self
+    }
+
+    /// Says when to try again.
+    #[must_use]
+    pub fn after(mut self, seconds: u64) -> Self {
+        self.retry_after_s = Some(seconds);
         self
     }
 }

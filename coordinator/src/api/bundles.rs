@@ -1,6 +1,6 @@
 //! Scenes arrive: the manifest, then the files that are missing.
 
-use super::extract::{Id, JsonBody};
+use super::extract::{By, Id, JsonBody};
 use super::{ApiError, App};
 use crate::service::ServiceError;
 use axum::Json;
@@ -21,9 +21,10 @@ use tokio_util::io::ReaderStream;
 )]
 pub(super) async fn submit(
     State(service): State<App>,
+    By(caller): By,
     JsonBody(manifest): JsonBody<BundleManifest>,
 ) -> Result<Json<BundleReply>, ApiError> {
-    Ok(Json(service.submit_bundle(manifest).await?))
+    Ok(Json(service.submit_bundle(manifest, &caller).await?))
 }
 
 /// The manifest of a bundle.

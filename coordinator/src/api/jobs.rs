@@ -1,6 +1,6 @@
 //! Jobs: submit, follow, cancel, look at.
 
-use super::extract::{Id, JsonBody, Params};
+use super::extract::{By, Id, JsonBody, Params};
 use super::{ApiError, App};
 use crate::service::ImageFormat;
 use axum::Json;
@@ -28,6 +28,7 @@ const KEY_BYTES: usize = 255;
 )]
 pub(super) async fn submit(
     State(service): State<App>,
+    By(caller): By,
     headers: HeaderMap,
     JsonBody(spec): JsonBody<JobSpec>,
 ) -> Result<Response, ApiError> {
@@ -44,7 +45,7 @@ pub(super) async fn submit(
             "an idempotency key is ASCII text of at most 255 bytes",
         )
     };
-    let (status, new) = service.submit_job(spec, key.ok_or_else(bad_key)?).await?;
+    let (status, new) = service.submit_job(spec, key.ok_or_else(bad_key)?, &caller).await?;
     let location = [(header::LOCATION, format!("/v1/jobs/{}", status.id))];
     let code = if new { StatusCode::CREATED } else { StatusCode::OK };
     Ok((code, location, Json(status)).into_response())

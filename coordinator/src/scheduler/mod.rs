@@ -216,11 +216,12 @@ impl Farm {
 
     /// Somebody submits a job; bundle and limits have been checked.
     #[must_use]
-    pub fn submit(&self, spec: JobSpec, key: Option<String>, now: Millis) -> Decision<JobId> {
+    pub fn submit(&self, spec: JobSpec, owner: String, key: Option<String>, now: Millis) -> Decision<JobId> {
         let id = JobId(self.counters.job + 1);
         let head = JobHead {
             id,
             spec,
+            owner,
             key,
             created_ms: now,
         };

@@ -94,6 +94,8 @@ pub struct JobHead {
     pub id: JobId,
     /// What is asked for.
     pub spec: JobSpec,
+    /// Name of the token that it was submitted with; empty where the farm asked for none.
+    pub owner: String,
     /// Idempotency key of the submission.
     pub key: Option<String>,
     /// When it was submitted.

@@ -2,6 +2,7 @@
 
 use super::upload::next_piece;
 use super::{Service, ServiceError};
+use crate::access::Caller;
 use crate::scheduler::{Job, Refusal};
 use crate::store::StoreError;
 use axum::body::Bytes;
@@ -20,10 +21,15 @@ const DEFAULT_PAGE: u32 = 20;
 
 impl Service {
     /// Keeps a manifest and names what is missing of it.
-    pub async fn submit_bundle(&self, manifest: BundleManifest) -> Result<BundleReply, ServiceError> {
+    pub async fn submit_bundle(&self, manifest: BundleManifest, caller: &Caller) -> Result<BundleReply, ServiceError> {
         self.limits.check_bundle(&manifest)?;
         let bundle = manifest.hash();
-        self.stores.state.put_bundle(bundle, manifest.clone()).await?;
+        let most = caller.quota.bundle_bytes.unwrap_or(u64::MAX);
+        let state = &self.stores.state;
+        let used = state
+            .put_bundle(bundle, manifest.clone(), caller.name.clone(), most)
+            .await?;
+        caller.within("bundle_bytes", used, Some(most))?;
         let mut missing = Vec::new();
         for (blob, _) in manifest.blobs() {
             if !self.stores.scenes.contains(blob).await? && missing.last() != Some(&blob) {
@@ -76,8 +82,10 @@ impl Service {
         self: &Arc<Self>,
         spec: JobSpec,
         key: Option<String>,
+        caller: &Caller,
     ) -> Result<(JobStatus, bool), ServiceError> {
         let _one_at_a_time = self.submitting.lock().await;
+        let key = key.map(|key| caller.own_key(&key));
         if let Some(key) = &key
             && let Some(known) = self.stores.state.job_by_key(key.clone()).await?
         {
@@ -91,8 +99,23 @@ impl Service {
             return Ok((self.status(known.head.id).await?, false));
         }
         self.check_job(&spec).await?;
-        let id = self.transact(move |farm, now| Ok(farm.submit(spec, key, now))).await?;
+        self.check_quota(caller, 1, spec.iterations.into()).await?;
+        let owner = caller.name.clone();
+        let id = self
+            .transact(move |farm, now| Ok(farm.submit(spec, owner, key, now)))
+            .await?;
         Ok((self.status(id).await?, true))
+    }
+
+    /// Refuses so many more jobs and iterations if the caller's quota does not allow them.
+    pub(crate) async fn check_quota(&self, caller: &Caller, jobs: u64, iterations: u64) -> Result<(), ServiceError> {
+        if caller.quota.jobs.is_none() && caller.quota.iterations.is_none() {
+            return Ok(());
+        }
+        let usage = self.stores.state.usage(caller.name.clone()).await?;
+        caller.within("jobs", usage.jobs + jobs, caller.quota.jobs)?;
+        caller.within("iterations", usage.iterations + iterations, caller.quota.iterations)?;
+        Ok(())
     }
 
     async fn check_job(&self, spec: &JobSpec) -> Result<(), ServiceError> {

@@ -1,6 +1,7 @@
 //! Failures between bytes, row and acknowledgement.
 
 use super::*;
+use crate::access::Caller;
 use crate::scheduler::Delivered;
 use crate::store::memory::{MemoryStore, NextCommit};
 use crate::store::{self, FolderStore};
@@ -46,7 +47,11 @@ impl World {
         let state = Arc::new(MemoryStore::default());
         let service = open(folder.path(), &state).await;
         let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
-        let bundle = service.submit_bundle(BundleManifest { files }).await.unwrap().bundle;
+        let bundle = service
+            .submit_bundle(BundleManifest { files }, &Caller::anyone())
+            .await
+            .unwrap()
+            .bundle;
         store::put(&*service.stores.scenes, b"scene").await.unwrap();
         let spec = JobSpec {
             scene: bundle,
@@ -56,7 +61,7 @@ impl World {
             iterations,
             seed: 0,
         };
-        let job = service.submit_job(spec, None).await.unwrap().0.id;
+        let job = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;
         let register = Register {
             name: "w".into(),
             threads: 1,

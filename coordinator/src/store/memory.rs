@@ -1,11 +1,13 @@
 //! A store for tests: state in memory, which can be told to fail.
 
 use super::{StateStore, StoreError};
+use crate::access::TokenRecord;
 use crate::scheduler::record::{Change, Counters, JobHead, JobRecord, NodeRecord, Snapshot, WorkerRecord};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
+use photonfarm_proto::token::Usage;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
 
@@ -16,6 +18,8 @@ pub(crate) struct Rows {
     workers: BTreeMap<WorkerId, WorkerRecord>,
     pub(crate) jobs: BTreeMap<JobId, JobRecord>,
     bundles: BTreeMap<BlobHash, BundleManifest>,
+    owned: BTreeMap<(String, BlobHash), u64>,
+    tokens: BTreeMap<String, TokenRecord>,
 }
 
 impl Rows {
@@ -94,6 +98,11 @@ impl Rows {
     fn job(&mut self, id: JobId) -> &mut JobRecord {
         self.jobs.get_mut(&id).unwrap()
     }
+}
+
+fn owned_bytes(owned: &BTreeMap<(String, BlobHash), u64>, owner: &str) -> u64 {
+    let mine = owned.iter().filter(|((name, _), _)| name == owner);
+    mine.map(|(_, bytes)| bytes).sum()
 }
 
 fn new_job(head: JobHead) -> JobRecord {
@@ -177,9 +186,52 @@ impl StateStore for MemoryStore {
             .cloned())
     }
 
-    async fn put_bundle(&self, hash: BlobHash, manifest: BundleManifest) -> Result<(), StoreError> {
-        self.rows().bundles.insert(hash, manifest);
-        Ok(())
+    async fn put_bundle(
+        &self,
+        hash: BlobHash,
+        manifest: BundleManifest,
+        owner: String,
+        most: u64,
+    ) -> Result<u64, StoreError> {
+        let mut rows = self.rows();
+        let mut owned = rows.owned.clone();
+        for (blob, bytes) in manifest.blobs() {
+            let most = owned.entry((owner.clone(), blob)).or_insert(0);
+            *most = bytes.max(*most);
+        }
+        let used = owned_bytes(&owned, &owner);
+        if used <= most {
+            rows.bundles.insert(hash, manifest);
+            rows.owned = owned;
+        }
+        Ok(used)
+    }
+
+    async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
+        let rows = self.rows();
+        let jobs = rows.jobs.values().filter(|job| job.head.owner == owner);
+        Ok(Usage {
+            jobs: jobs.clone().filter(|job| job.ended_ms.is_none()).count() as u64,
+            bundle_bytes: owned_bytes(&rows.owned, &owner),
+            iterations: jobs.map(|job| u64::from(job.head.spec.iterations)).sum(),
+        })
+    }
+
+    async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
+        let mut rows = self.rows();
+        let new = !rows.tokens.contains_key(&token.name);
+        if new {
+            rows.tokens.insert(token.name.clone(), token);
+        }
+        Ok(new)
+    }
+
+    async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
+        Ok(self.rows().tokens.values().cloned().collect())
+    }
+
+    async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
+        Ok(self.rows().tokens.remove(&name).is_some())
     }
 
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {

@@ -13,10 +13,12 @@ mod tests;
 pub use folder::FolderStore;
 pub use sqlite::SqliteStore;
 
+use crate::access::TokenRecord;
 use crate::scheduler::record::{Change, JobRecord, Snapshot};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::token::Usage;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -72,7 +74,7 @@ impl StoreError {
     }
 }
 
-/// State: jobs, leases, nodes, workers, bundles.
+/// State: jobs, leases, nodes, workers, bundles, tokens.
 ///
 /// # Contract
 /// * [`commit`](Self::commit) applies all changes or none, and what it applied survives a crash of the machine.
@@ -91,12 +93,27 @@ pub trait StateStore: Send + Sync {
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError>;
     /// The job that was submitted with an idempotency key.
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError>;
-    /// Keeps a manifest under its hash.
-    async fn put_bundle(&self, hash: BlobHash, manifest: BundleManifest) -> Result<(), StoreError>;
+    /// Keeps a manifest under its hash, and counts its distinct blobs for the owner, once each. Where the owner would
+    /// have more than `most` bytes then, nothing changes. Returns the bytes that the owner has then or would have.
+    async fn put_bundle(
+        &self,
+        hash: BlobHash,
+        manifest: BundleManifest,
+        owner: String,
+        most: u64,
+    ) -> Result<u64, StoreError>;
     /// The manifest of a bundle.
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError>;
     /// The largest size that a bundle gives for a blob; `None` if no bundle names it.
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError>;
+    /// What an owner has used.
+    async fn usage(&self, owner: String) -> Result<Usage, StoreError>;
+    /// Keeps a token; returns false, and changes nothing, if there is one of that name.
+    async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError>;
+    /// All tokens, by name.
+    async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError>;
+    /// Forgets a token. Returns whether there was one.
+    async fn remove_token(&self, name: String) -> Result<bool, StoreError>;
     /// Lets go of the store, so that somebody else can open it; every later call fails.
     async fn close(&self);
     /// Digests of all nodes that count, of all jobs.

@@ -1,12 +1,14 @@
 //! State in a SQLite file: write-ahead log, synced at every commit, locked for one process.
 
 use super::{StateStore, StoreError};
+use crate::access::TokenRecord;
 use crate::scheduler::record::{Change, Counters, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobState};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::token::Usage;
 use rusqlite::{Connection, ErrorCode, OptionalExtension, Row, Transaction, params};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -16,9 +18,10 @@ use std::time::Duration;
 
 /// "PHFM": marks the file as ours.
 const APPLICATION_ID: i32 = 0x5048_464d;
-const SCHEMA_VERSION: i32 = 1;
+/// What makes each version of the schema from the one before; the first makes it from nothing.
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2];
 
-const SCHEMA: &str = "
+pub(super) const SCHEMA_1: &str = "
 CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
 CREATE TABLE worker (
     id INTEGER PRIMARY KEY, name TEXT NOT NULL, threads INTEGER NOT NULL, renderer TEXT NOT NULL) STRICT;
@@ -38,6 +41,15 @@ CREATE INDEX lease_of_job ON lease (job);
 CREATE TABLE failure (
     job INTEGER NOT NULL REFERENCES job, leaf INTEGER NOT NULL, attempt TEXT NOT NULL) STRICT;
 CREATE INDEX failure_of_job ON failure (job);
+";
+
+/// Tokens, and whose jobs and files there are.
+const SCHEMA_2: &str = "
+CREATE TABLE token (name TEXT PRIMARY KEY, record TEXT NOT NULL) STRICT, WITHOUT ROWID;
+CREATE TABLE owned_blob (
+    owner TEXT, blob BLOB, bytes INTEGER NOT NULL, PRIMARY KEY (owner, blob)) STRICT, WITHOUT ROWID;
+ALTER TABLE job ADD COLUMN owner TEXT NOT NULL DEFAULT '';
+CREATE INDEX job_of_owner ON job (owner);
 ";
 
 /// The state of a farm in one file.
@@ -99,23 +111,25 @@ fn foreign(path: &Path, reason: String) -> StoreError {
 fn prepare_schema(transaction: &Transaction, path: &Path) -> Result<(), StoreError> {
     let pragma = |name: &str| transaction.pragma_query_value(None, name, |row| row.get::<_, i32>(0));
     let tables: i64 = transaction.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
-    match (pragma("application_id")?, pragma("user_version")?) {
-        (0, 0) if tables == 0 => {
-            transaction.execute_batch(SCHEMA)?;
-            transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
-            transaction.pragma_update(None, "user_version", SCHEMA_VERSION)?;
-        }
-        (APPLICATION_ID, SCHEMA_VERSION) => {}
-        (APPLICATION_ID, version) => {
-            let reason = format!("made by another version: schema {version}, this program has {SCHEMA_VERSION}");
-            return Err(foreign(path, reason));
-        }
+    let found = match (pragma("application_id")?, pragma("user_version")?) {
+        (0, 0) if tables == 0 => 0,
+        (APPLICATION_ID, version @ 1..) => version as usize,
         _ => return Err(foreign(path, "a database of another program".into())),
+    };
+    let current = MIGRATIONS.len();
+    if found > current {
+        let reason = format!("made by a newer version: schema {found}, this program has {current}");
+        return Err(foreign(path, reason));
     }
     let check: String = transaction.query_row("PRAGMA quick_check(1)", [], |row| row.get(0))?;
     if check != "ok" {
         return Err(foreign(path, format!("the database is damaged: {check}")));
     }
+    for migration in &MIGRATIONS[found..] {
+        transaction.execute_batch(migration)?;
+    }
+    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
+    transaction.pragma_update(None, "user_version", current as i32)?;
     Ok(())
 }
 
@@ -167,19 +181,21 @@ fn apply(transaction: &Transaction, change: &Change) -> Result<(), StoreError> {
         Change::JobSubmitted(JobHead {
             id,
             spec,
+            owner,
             key,
             created_ms,
         }) => {
             raise_counter(transaction, "job", id.0)?;
             run(
-                "INSERT INTO job (id, spec, key, created_ms, state, totals) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+                "INSERT INTO job (id, spec, key, created_ms, state, totals, owner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
                 params![
                     signed(id.0)?,
                     to_json(spec)?,
                     key,
                     signed(*created_ms)?,
                     to_json(&JobState::Queued)?,
-                    to_json(&photonfarm_proto::job::Totals::default())?
+                    to_json(&photonfarm_proto::job::Totals::default())?,
+                    owner
                 ],
             )
         }
@@ -269,7 +285,8 @@ fn hash_at(row: &Row, column: usize) -> Result<BlobHash, StoreError> {
     Ok(BlobHash(row.get(column)?))
 }
 
-const JOB_COLUMNS: &str = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals FROM job";
+const JOB_COLUMNS: &str =
+    "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner FROM job";
 
 fn read_job(connection: &Connection, row: &Row) -> Result<JobRecord, StoreError> {
     let number: i64 = row.get(0)?;
@@ -293,6 +310,7 @@ fn read_job(connection: &Connection, row: &Row) -> Result<JobRecord, StoreError>
         head: JobHead {
             id,
             spec: from_json(&row.get::<_, String>(1)?)?,
+            owner: row.get(10)?,
             key: row.get(2)?,
             created_ms: unsigned(row.get(3)?)?,
         },
@@ -351,6 +369,11 @@ fn read_counter(connection: &Connection, name: &str) -> Result<u64, StoreError> 
     let query = "SELECT value FROM counter WHERE name = ?1";
     let value = connection.query_row(query, [name], |row| row.get(0)).optional()?;
     unsigned(value.unwrap_or(0))
+}
+
+fn owned_bytes(connection: &Connection, owner: &str) -> Result<u64, StoreError> {
+    let query = "SELECT coalesce(sum(bytes), 0) FROM owned_blob WHERE owner = ?1";
+    unsigned(connection.query_row(query, [owner], |row| row.get(0))?)
 }
 
 fn read_worker(row: &Row) -> Result<WorkerRecord, StoreError> {
@@ -421,7 +444,13 @@ impl StateStore for SqliteStore {
             .await
     }
 
-    async fn put_bundle(&self, hash: BlobHash, manifest: BundleManifest) -> Result<(), StoreError> {
+    async fn put_bundle(
+        &self,
+        hash: BlobHash,
+        manifest: BundleManifest,
+        owner: String,
+        most: u64,
+    ) -> Result<u64, StoreError> {
         self.with(move |connection| {
             let transaction = connection.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
             transaction
@@ -431,8 +460,60 @@ impl StateStore for SqliteStore {
                 transaction
                     .prepare_cached("INSERT OR IGNORE INTO bundle_blob VALUES (?1, ?2)")?
                     .execute(params![blob.0, signed(bytes)?])?;
+                transaction
+                    .prepare_cached(
+                        "INSERT INTO owned_blob VALUES (?1, ?2, ?3) ON CONFLICT DO UPDATE SET bytes = max(bytes, excluded.bytes)",
+                    )?
+                    .execute(params![owner, blob.0, signed(bytes)?])?;
             }
-            Ok(transaction.commit()?)
+            let used = owned_bytes(&transaction, &owner)?;
+            if used <= most {
+                transaction.commit()?;
+            }
+            Ok(used)
+        })
+        .await
+    }
+
+    async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
+        self.with(move |connection| {
+            let query = "SELECT count(*) FILTER (WHERE ended_ms IS NULL), \
+                         coalesce(sum(json_extract(spec, '$.iterations')), 0) FROM job WHERE owner = ?1";
+            let (jobs, iterations) = connection.query_row(query, [&owner], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            Ok(Usage {
+                jobs: unsigned(jobs)?,
+                bundle_bytes: owned_bytes(connection, &owner)?,
+                iterations: unsigned(iterations)?,
+            })
+        })
+        .await
+    }
+
+    async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
+        self.with(move |connection| {
+            let new = connection
+                .prepare_cached("INSERT OR IGNORE INTO token VALUES (?1, ?2)")?
+                .execute(params![token.name, to_json(&token)?])?;
+            Ok(new == 1)
+        })
+        .await
+    }
+
+    async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
+        self.with(|connection| {
+            rows(connection, "SELECT record FROM token ORDER BY name", &[], |row| {
+                from_json(&row.get::<_, String>(0)?)
+            })
+        })
+        .await
+    }
+
+    async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
+        self.with(move |connection| {
+            let gone = connection
+                .prepare_cached("DELETE FROM token WHERE name = ?1")?
+                .execute([name])?;
+            Ok(gone == 1)
         })
         .await
     }

@@ -8,6 +8,7 @@ use photonfarm_proto::bundle::FileEntry;
 use photonfarm_proto::id::{LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, BandwidthRange, FailureKind, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::token::{Quota, Role, Usage};
 use std::path::Path;
 use tokio::io::AsyncReadExt;
 
@@ -26,6 +27,7 @@ fn head(id: u64, key: Option<&str>) -> JobHead {
     JobHead {
         id: JobId(id),
         spec: spec(),
+        owner: if id == 2 { String::new() } else { "ann".into() },
         key: key.map(str::to_owned),
         created_ms: 1_700_000_000_000 + id,
     }
@@ -198,13 +200,111 @@ async fn bundles_are_kept() {
             .into(),
         };
         for bytes in [1, 5, 1] {
-            store.put_bundle(manifest(bytes).hash(), manifest(bytes)).await.unwrap();
+            let owner = String::from("ann");
+            let hash = manifest(bytes).hash();
+            store.put_bundle(hash, manifest(bytes), owner, u64::MAX).await.unwrap();
         }
         assert_eq!(store.bundle(manifest(5).hash()).await.unwrap(), Some(manifest(5)));
         assert_eq!(store.bundle(BlobHash::of(b"")).await.unwrap(), None);
         assert_eq!(store.bundled_size(BlobHash::of(b"x")).await.unwrap(), Some(5));
         assert_eq!(store.bundled_size(BlobHash::of(b"y")).await.unwrap(), None);
     }
+}
+
+#[tokio::test]
+async fn tokens_are_kept_under_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let stores: [Box<dyn StateStore>; 2] = [
+        Box::new(open_sqlite(folder.path()).await),
+        Box::<MemoryStore>::default(),
+    ];
+    for store in stores {
+        let token = |name: &str, secret: &[u8]| TokenRecord {
+            name: name.into(),
+            role: Role::Submit,
+            hash: BlobHash::of(secret),
+            created_ms: 5,
+            expires_ms: Some(7),
+            quota: Quota {
+                jobs: Some(3),
+                ..Quota::default()
+            },
+        };
+        assert!(store.put_token(token("b", b"1")).await.unwrap());
+        assert!(store.put_token(token("a", b"2")).await.unwrap());
+        assert!(!store.put_token(token("a", b"3")).await.unwrap());
+        assert_eq!(store.tokens().await.unwrap(), [token("a", b"2"), token("b", b"1")]);
+        assert!(store.remove_token("a".into()).await.unwrap());
+        assert!(!store.remove_token("a".into()).await.unwrap());
+        assert_eq!(store.tokens().await.unwrap(), [token("b", b"1")]);
+    }
+}
+
+#[tokio::test]
+async fn use_is_counted_by_owner() {
+    let folder = tempfile::tempdir().unwrap();
+    let stores: [Box<dyn StateStore>; 2] = [
+        Box::new(open_sqlite(folder.path()).await),
+        Box::<MemoryStore>::default(),
+    ];
+    for store in stores {
+        for changes in history() {
+            store.commit(changes).await.unwrap();
+        }
+        let manifest = |files: &[(&str, u64)]| BundleManifest {
+            files: files
+                .iter()
+                .map(|(name, bytes)| {
+                    let hash = BlobHash::of(name.as_bytes());
+                    ((*name).to_owned(), FileEntry { hash, bytes: *bytes })
+                })
+                .collect(),
+        };
+        let put = async |owner: &str, files: &[(&str, u64)], most| {
+            let manifest = manifest(files);
+            store
+                .put_bundle(manifest.hash(), manifest, owner.into(), most)
+                .await
+                .unwrap()
+        };
+        assert_eq!(put("ann", &[("x", 5), ("y", 2)], 7).await, 7);
+        assert_eq!(put("ann", &[("x", 5), ("z", 1)], 7).await, 8);
+        assert_eq!(
+            store.bundle(manifest(&[("x", 5), ("z", 1)]).hash()).await.unwrap(),
+            None
+        );
+        assert_eq!(store.bundled_size(BlobHash::of(b"z")).await.unwrap(), None);
+        assert_eq!(put("bob", &[("x", 5)], u64::MAX).await, 5);
+        let usage = |jobs, bundle_bytes, iterations| Usage {
+            jobs,
+            bundle_bytes,
+            iterations,
+        };
+        assert_eq!(store.usage("ann".into()).await.unwrap(), usage(1, 7, 18));
+        assert_eq!(store.usage("bob".into()).await.unwrap(), usage(0, 5, 0));
+        assert_eq!(store.usage(String::new()).await.unwrap(), usage(1, 0, 9));
+    }
+}
+
+/// A farm of the first version goes on: its jobs have no owner, and there are no tokens.
+#[tokio::test]
+async fn a_database_of_the_first_version_is_brought_up_to_date() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("farm.sqlite");
+    let old = rusqlite::Connection::open(&path).unwrap();
+    old.execute_batch(super::sqlite::SCHEMA_1).unwrap();
+    let spec = serde_json::to_string(&spec()).unwrap();
+    let totals = serde_json::to_string(&Totals::default()).unwrap();
+    let insert = "INSERT INTO job (id, spec, created_ms, state, totals) VALUES (1, ?1, 5, '\"queued\"', ?2)";
+    old.execute(insert, [spec, totals]).unwrap();
+    old.execute_batch("PRAGMA application_id = 0x5048464d; PRAGMA user_version = 1;")
+        .unwrap();
+    drop(old);
+    let store = SqliteStore::open(&path).unwrap();
+    assert_eq!(store.job(JobId(1)).await.unwrap().unwrap().head.owner, "");
+    assert_eq!(store.tokens().await.unwrap(), []);
+    drop(store);
+    SqliteStore::open(&path).unwrap();
 }
 
 #[tokio::test]
@@ -236,8 +336,8 @@ async fn foreign_and_newer_databases_are_refused() {
     };
     assert!(refused("text", Some(&[b'x'; 4096]), "").contains("not a database"));
     assert!(refused("other", None, "CREATE TABLE t (x);").contains("another program"));
-    let newer = "PRAGMA application_id = 0x5048464d; PRAGMA user_version = 2; CREATE TABLE t (x);";
-    assert!(refused("newer", None, newer).contains("schema 2"));
+    let newer = "PRAGMA application_id = 0x5048464d; PRAGMA user_version = 99; CREATE TABLE t (x);";
+    assert!(refused("newer", None, newer).contains("schema 99"));
 }
 
 #[tokio::test]

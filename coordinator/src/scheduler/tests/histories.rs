@@ -356,7 +356,7 @@ fn random_histories_count_every_leaf_once_or_report_it() {
         let mut world = World::new(seed);
         for _ in 0..1 + world.random.below(3) {
             let iterations = 1 + world.random.below(33) as u32;
-            let decision = world.farm.submit(spec(iterations), None, world.now);
+            let decision = world.farm.submit(spec(iterations), String::new(), None, world.now);
             if let Some(job) = world.transact(decision)
                 && world.random.chance(30)
             {

@@ -8,7 +8,9 @@ fn farm_with(iterations: u32, workers: u64) -> Farm {
     for _ in 0..workers {
         commit(&mut farm, 0, |farm| farm.register("w".into(), 1, "1".into()));
     }
-    commit(&mut farm, 0, |farm| farm.submit(spec(iterations), None, 0));
+    commit(&mut farm, 0, |farm| {
+        farm.submit(spec(iterations), String::new(), None, 0)
+    });
     farm
 }
 
@@ -271,7 +273,7 @@ fn leases_survive_a_restart_with_time_to_reconnect() {
     };
     let farm = keep(
         Farm::restore(SchedulerConfig::default(), Snapshot::default(), 0)
-            .submit(spec(4), None, 0)
+            .submit(spec(4), String::new(), None, 0)
             .changes,
     );
     let farm = keep(farm.register("w".into(), 1, "1".into()).changes);

@@ -1,0 +1,54 @@
+//! Who may do what: tokens, their roles and quotas.
+
+mod token;
+
+pub use token::{Secret, TokenRecord};
+
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::token::{Quota, Role};
+
+/// Who sent a request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Caller {
+    /// Name of the token; empty where the farm asks for none.
+    pub name: String,
+    /// What the caller may do.
+    pub role: Role,
+    /// How much the caller may do.
+    pub quota: Quota,
+}
+
+impl Caller {
+    /// Whoever it is, on a farm that asks for no tokens.
+    #[must_use]
+    pub fn anyone() -> Self {
+        Self {
+            name: String::new(),
+            role: Role::Admin,
+            quota: Quota::default(),
+        }
+    }
+
+    /// Refuses a request that would make the use of `name` exceed its quota.
+    ///
+    /// # Errors
+    /// The problem, with quota and use.
+    pub fn within(&self, name: &str, needed: u64, quota: Option<u64>) -> Result<(), Problem> {
+        match quota {
+            Some(most) if needed > most => {
+                let token = &self.name;
+                let detail = format!("the quota `{name}` of the token {token:?} is {most}; this would make {needed}");
+                Err(Problem::new(ErrorCode::Quota, detail))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// An idempotency key as it is kept: keys of different owners never meet.
+    pub(crate) fn own_key(&self, key: &str) -> String {
+        match self.name.as_str() {
+            "" => key.to_owned(),
+            name => format!("{name}/{key}"),
+        }
+    }
+}
