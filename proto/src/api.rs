@@ -4,6 +4,7 @@ use crate::id::{BlobHash, WorkerId};
 use crate::job::JobStatus;
 use crate::limits::Limits;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
 /// Header that makes the creation of a job repeatable: the same key and the same request give the same job.
@@ -42,8 +43,20 @@ pub struct WorkerStatus {
     pub name: String,
     /// Threads it renders with.
     pub threads: u32,
-    /// Version of its renderer.
+    /// Name of its renderer.
     pub renderer: String,
+    /// What it has: jobs may ask for it.
+    #[serde(default)]
+    pub tags: BTreeSet<String>,
+    /// Nodes of its that another worker confirmed since one was last refuted.
+    #[serde(default)]
+    pub verified: u32,
+    /// Faults that count against it: what it could not render but others could, and images that cannot be.
+    #[serde(default)]
+    pub faults: u32,
+    /// Why it gets no work, if it is in quarantine.
+    #[serde(default)]
+    pub quarantine: Option<String>,
     /// Time since it was last heard of [ms].
     pub silent_ms: u64,
     /// Leases it holds.
@@ -55,6 +68,30 @@ pub struct WorkerStatus {
 pub struct WorkerList {
     /// The workers, oldest first.
     pub workers: Vec<WorkerStatus>,
+}
+
+/// Asks for more iterations of a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Extend {
+    /// The number of iterations from now on; those that are done are not rendered again.
+    pub iterations: u32,
+}
+
+/// Sets the priority of a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SetPriority {
+    /// Weight among the jobs of its owner, from 1 to 100.
+    pub priority: u32,
+}
+
+/// Puts a worker into quarantine.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Quarantine {
+    /// Why, for people.
+    pub reason: String,
 }
 
 /// Reply of a healthy coordinator.

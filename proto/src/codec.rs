@@ -8,8 +8,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-/// Version of the worker protocol and of stored nodes. Both sides must have the same.
-pub const PROTOCOL_VERSION: u16 = 1;
+/// Version of the worker protocol. Both sides must have the same.
+pub const PROTOCOL_VERSION: u16 = 2;
 
 /// The media type of framed messages.
 pub const MESSAGE_MEDIA_TYPE: &str = "application/vnd.photonfarm";
@@ -160,10 +160,10 @@ mod tests {
             })
         ));
         let mut newer = bytes.clone();
-        newer[4] = 2;
+        newer[4] = 3;
         let error = decode::<Sample>(&newer).unwrap_err();
-        assert!(matches!(error, CodecError::Version { found: 2 }));
-        assert!(error.to_string().contains("version 2"));
+        assert!(matches!(error, CodecError::Version { found: 3 }));
+        assert!(error.to_string().contains("version 3"));
         let mut http = bytes.clone();
         http[..4].copy_from_slice(b"<htm");
         assert!(matches!(decode::<Sample>(&http), Err(CodecError::Magic)));

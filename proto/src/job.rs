@@ -1,13 +1,14 @@
 //! Jobs: what is asked for, and how far it has come.
 
 use crate::id::{BlobHash, JobId, WorkerId};
+use crate::schedule::{Checkpoint, Schedule, Stop};
 use photonfarm_core::integrator::Counts;
 use photonfarm_core::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// What a job asks for. Together with the renderer's version it determines every bit of the image.
+/// What a job asks for. Together with the renderer's build it determines every bit of every iteration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobSpec {
@@ -26,6 +27,9 @@ pub struct JobSpec {
     /// Seed of the random numbers.
     #[serde(default)]
     pub seed: u64,
+    /// When and where it is worked on, and when it stops.
+    #[serde(default, skip_serializing_if = "Schedule::is_default")]
+    pub schedule: Schedule,
 }
 
 /// Where a job stands.
@@ -84,6 +88,9 @@ pub struct Attempt {
     pub kind: FailureKind,
     /// What the worker said.
     pub message: String,
+    /// When [milliseconds since 1970, UTC].
+    #[serde(default)]
+    pub at_ms: u64,
 }
 
 /// The largest and the smallest bandwidth over some iterations.
@@ -199,8 +206,11 @@ pub struct JobStatus {
     pub id: JobId,
     /// Where it stands.
     pub state: JobState,
-    /// What was asked for.
+    /// What is asked for, as it stands: extended, stopped, paused, and so on.
     pub spec: JobSpec,
+    /// Name of the token that it was submitted with; empty without tokens.
+    #[serde(default)]
+    pub owner: String,
     /// When it was submitted [milliseconds since 1970, UTC].
     pub created_ms: u64,
     /// When it ended [milliseconds since 1970, UTC].
@@ -221,4 +231,19 @@ pub struct JobStatus {
     pub iterations_per_second: Option<f64>,
     /// Workers that hold a lease of the job.
     pub workers: u32,
+    /// Iterations in the image that another worker is to repeat before they are believed.
+    #[serde(default)]
+    pub iterations_in_doubt: u64,
+    /// Name of the renderer that the job is bound to since its first lease.
+    #[serde(default)]
+    pub renderer: Option<String>,
+    /// The noise at the last checkpoint, if there is a noise target.
+    #[serde(default)]
+    pub checkpoint: Option<Checkpoint>,
+    /// Set when the job ended before its last iteration.
+    #[serde(default)]
+    pub stop: Option<Stop>,
+    /// Why nobody is at work on it, while nobody is.
+    #[serde(default)]
+    pub waiting: Option<String>,
 }

@@ -152,7 +152,7 @@ impl Limits {
                 self.define_bytes,
             )?;
         }
-        Ok(())
+        spec.schedule.check()
     }
 
     /// Checks an image size.
@@ -208,6 +208,7 @@ mod tests {
             integrator: IntegratorSettings::Path(PathSettings::default()),
             iterations: 4,
             seed: 0,
+            schedule: Default::default(),
         }
     }
 

@@ -4,7 +4,6 @@
 //! interleaved, then the sums of squares; rows from the top. The same bytes are stored and hashed, so that equal
 //! digests mean equal bits.
 
-use crate::codec::PROTOCOL_VERSION;
 use crate::id::JobId;
 use crate::limits::{LimitError, Limits};
 use photonfarm_core::film::{FilmError, Node};
@@ -13,6 +12,9 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use thiserror::Error;
 use utoipa::ToSchema;
+
+/// Version of stored nodes.
+pub const NODE_VERSION: u16 = 1;
 
 /// Place of a node in the tree: it covers leaves `[index 2^level, (index + 1) 2^level)`. Leaf `k` is iteration `k + 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
@@ -122,7 +124,7 @@ pub enum NodeError {
     #[error("not an image of a node: the magic number is missing")]
     Magic,
     /// Another version of the format.
-    #[error("the image of a node has version {found}, this program has {PROTOCOL_VERSION}")]
+    #[error("the image of a node has version {found}, this program has {NODE_VERSION}")]
     Version {
         /// The version found.
         found: u16,
@@ -179,7 +181,7 @@ impl NodeHeader {
     pub fn to_bytes(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         bytes[..4].copy_from_slice(&MAGIC);
-        bytes[4..6].copy_from_slice(&PROTOCOL_VERSION.to_le_bytes());
+        bytes[4..6].copy_from_slice(&NODE_VERSION.to_le_bytes());
         bytes[8..16].copy_from_slice(&self.job.0.to_le_bytes());
         let words = [self.key.level, self.key.index, self.width, self.height];
         for (to, word) in bytes[16..].chunks_exact_mut(4).zip(words) {
@@ -200,7 +202,7 @@ impl NodeHeader {
             return Err(NodeError::Magic);
         }
         let version = u16::from_le_bytes([bytes[4], bytes[5]]);
-        if version != PROTOCOL_VERSION {
+        if version != NODE_VERSION {
             return Err(NodeError::Version { found: version });
         }
         let mut words = [0u32; 6];

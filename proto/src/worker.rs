@@ -19,6 +19,7 @@ use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use crate::job::{FailureKind, JobSpec, Totals};
 use crate::node::{NodeHeader, NodeKey};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Most bytes of a text that a worker sends; longer ones are cut.
 pub const TEXT_BYTES: usize = 4096;
@@ -30,8 +31,10 @@ pub struct Register {
     pub name: String,
     /// Threads it renders with.
     pub threads: u32,
-    /// Version of its renderer: results count only where it equals the coordinator's.
+    /// Name of its renderer ([`crate::RENDERER`]): a job takes results of one renderer only.
     pub renderer: String,
+    /// What it has: jobs may ask for it.
+    pub tags: BTreeSet<String>,
 }
 
 /// The worker's name, and the rhythm expected of it.
@@ -274,6 +277,7 @@ mod tests {
             integrator: IntegratorSettings::Pcf(PcfSettings::default()),
             iterations: 64,
             seed: u64::MAX,
+            schedule: Default::default(),
         };
         LeaseReply {
             assignment: Some(Assignment { lease, spec }),

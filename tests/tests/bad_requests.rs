@@ -288,6 +288,7 @@ fn messages() -> Vec<(&'static str, Vec<u8>)> {
         name: "a".into(),
         threads: 1,
         renderer: "0".into(),
+        tags: Default::default(),
     };
     vec![
         ("/v1/worker/register", codec::encode(&register).unwrap()),
@@ -367,11 +368,11 @@ fn image(value: f32) -> Node {
 fn uploads_that_must_not_count() {
     let target = Target::start();
     let job = target.submit(4);
-    let renderer = env!("CARGO_PKG_VERSION").to_owned();
     let register = Register {
         name: "test".into(),
         threads: 1,
-        renderer,
+        renderer: photonfarm_proto::RENDERER.to_owned(),
+        tags: Default::default(),
     };
     let Registered { worker, .. } = target.ask("/v1/worker/register", &register);
     let request = LeaseRequest {

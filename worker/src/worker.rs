@@ -15,7 +15,7 @@ use photonfarm_proto::worker::{
     Register, Registered, cut_text,
 };
 use rayon::ThreadPool;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -46,6 +46,10 @@ pub struct WorkerConfig {
     pub cache_bytes: u64,
     /// What renders.
     pub renderer: Arc<dyn Renderer>,
+    /// Name of what renders: a job takes results of one name only.
+    pub build: String,
+    /// What this worker has: jobs may ask for it.
+    pub tags: BTreeSet<String>,
 }
 
 impl WorkerConfig {
@@ -59,6 +63,8 @@ impl WorkerConfig {
             cache: cache.into(),
             cache_bytes: 16 << 30,
             renderer: Arc::new(CoreRenderer),
+            build: photonfarm_proto::RENDERER.to_owned(),
+            tags: BTreeSet::new(),
         }
     }
 }
@@ -213,7 +219,8 @@ impl Worker {
         let register = Register {
             name: self.config.name.clone(),
             threads: self.pool.current_num_threads() as u32,
-            renderer: env!("CARGO_PKG_VERSION").to_owned(),
+            renderer: self.config.build.clone(),
+            tags: self.config.tags.clone(),
         };
         let reply = self
             .client

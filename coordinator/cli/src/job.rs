@@ -52,6 +52,7 @@ impl PreparedJob {
             integrator,
             iterations,
             seed: args.seed,
+            schedule: Default::default(),
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos();
         let key = format!("{now:x}-{:x}", std::process::id());

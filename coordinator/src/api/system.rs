@@ -1,7 +1,7 @@
 //! The farm itself: workers, health, and the description of this interface.
 
 use super::{ApiError, App};
-use crate::service::RENDERER;
+use crate::service::VERSION;
 use axum::Json;
 use axum::extract::State;
 use photonfarm_proto::api::{Health, WorkerList};
@@ -22,7 +22,7 @@ pub(super) async fn health(State(service): State<App>) -> Result<Json<Health>, A
     service.list_jobs(None, Some(1)).await?;
     Ok(Json(Health {
         status: "ok".into(),
-        version: RENDERER.into(),
+        version: VERSION.into(),
         limits: service.limits.clone(),
     }))
 }

@@ -1,10 +1,10 @@
 //! One job: what is counted, what is lent, what failed.
 
 use super::pace::Pace;
-use super::record::{Change, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord};
+use super::record::{Change, JobControl, JobHead, JobRecord, LeaseRecord, Loss, Millis, NodeRecord};
 use super::{Refusal, SchedulerConfig};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
-use photonfarm_proto::job::{Attempt, FailureKind, JobState, JobStatus, Poisoned, Totals};
+use photonfarm_proto::job::{Attempt, FailureKind, JobSpec, JobState, JobStatus, Poisoned, Totals};
 use photonfarm_proto::node::NodeKey;
 use std::collections::BTreeMap;
 
@@ -42,11 +42,15 @@ pub struct HeldLease {
 #[derive(Clone, Debug)]
 pub struct Job {
     pub(super) head: JobHead,
+    pub(super) control: JobControl,
+    /// What it has had of the farm [weighted ms].
+    pub(super) share_ms: Millis,
     pub(super) state: JobState,
     failure: Option<String>,
     ended_ms: Option<Millis>,
     resolution: Option<[u32; 2]>,
-    totals: Totals,
+    /// What nodes took that do not know it themselves.
+    unassigned: Totals,
     nodes: BTreeMap<NodeKey, NodeRecord>,
     /// Nodes that count, by first leaf.
     live: BTreeMap<u64, NodeKey>,
@@ -60,12 +64,14 @@ impl Job {
     #[must_use]
     pub fn new(head: JobHead) -> Self {
         Self {
+            control: JobControl::of(&head.spec),
+            share_ms: 0,
             head,
             state: JobState::Queued,
             failure: None,
             ended_ms: None,
             resolution: None,
-            totals: Totals::default(),
+            unassigned: Totals::default(),
             nodes: BTreeMap::new(),
             live: BTreeMap::new(),
             leases: BTreeMap::new(),
@@ -82,7 +88,9 @@ impl Job {
         job.failure = record.failure;
         job.ended_ms = record.ended_ms;
         job.resolution = record.resolution;
-        job.totals = record.totals;
+        job.control = record.control;
+        job.share_ms = record.share_ms;
+        job.unassigned = record.totals;
         for (key, node) in record.nodes {
             if node.live {
                 job.live.insert(key.first(), key);
@@ -119,10 +127,26 @@ impl Job {
         &self.head
     }
 
+    /// How it goes on.
+    #[must_use]
+    pub fn control(&self) -> &JobControl {
+        &self.control
+    }
+
+    /// What is asked for, as it stands.
+    #[must_use]
+    pub fn spec(&self) -> JobSpec {
+        JobSpec {
+            iterations: self.control.iterations,
+            schedule: self.control.schedule.clone(),
+            ..self.head.spec.clone()
+        }
+    }
+
     /// Number of leaves of the whole job.
     #[must_use]
     pub fn leaves(&self) -> u64 {
-        self.head.spec.iterations.into()
+        self.control.iterations.into()
     }
 
     /// The nodes that make up the image, from left to right.
@@ -144,8 +168,11 @@ impl Job {
 
     /// What the iterations in the image took.
     #[must_use]
-    pub fn totals(&self) -> &Totals {
-        &self.totals
+    pub fn totals(&self) -> Totals {
+        let mut sum = self.unassigned;
+        let totals = self.live.values().filter_map(|node| self.nodes[node].totals.as_ref());
+        totals.for_each(|totals| sum.add(totals));
+        sum
     }
 
     /// Leaves of `node` that are in the image.
@@ -182,22 +209,19 @@ impl Job {
         let Delivery {
             token, node, digest, ..
         } = *delivery;
-        let leaves = self.head.spec.iterations;
+        let leaves = self.control.iterations;
         if !node.fits(leaves) {
             return Err(Refusal::Invalid(format!(
                 "node {node} lies beyond the job's {leaves} iterations"
             )));
         }
-        if let Some(known) = self.nodes.get(&node) {
-            if known.digest != digest {
-                return Err(Refusal::Conflict {
-                    job: self.id(),
-                    node,
-                    counted: known.digest,
-                    offered: digest,
-                });
-            }
-            return Ok((Delivered::Duplicate, self.leases_covered_by(None)));
+        if let Some(known) = self.nodes.get(&node).filter(|known| known.digest != digest) {
+            return Err(Refusal::Conflict {
+                job: self.id(),
+                node,
+                counted: known.digest,
+                offered: digest,
+            });
         }
         if self.covering(node).is_some() {
             return Ok((Delivered::Duplicate, self.leases_covered_by(None)));
@@ -224,22 +248,16 @@ impl Job {
     fn count(&self, delivery: &Delivery) -> Vec<Change> {
         let (job, node) = (self.id(), delivery.node);
         let inner: Vec<NodeKey> = self.live.range(node.first()..node.end()).map(|(_, key)| *key).collect();
-        let mut totals = self.totals;
-        if inner.is_empty() {
-            totals.add(&delivery.totals);
-        } else {
-            totals.add(&Totals {
-                bandwidth: delivery.totals.bandwidth,
-                ..Totals::default()
-            });
-        }
         let mut changes: Vec<Change> = inner.into_iter().map(|node| Change::NodeMerged { job, node }).collect();
         changes.push(Change::NodeAdded {
             job,
             node,
-            digest: delivery.digest,
+            record: NodeRecord {
+                worker: Some(delivery.worker),
+                totals: Some(delivery.totals),
+                ..NodeRecord::new(delivery.digest)
+            },
             resolution: delivery.resolution,
-            totals,
         });
         changes.extend(self.leases_covered_by(Some(node)));
         changes
@@ -308,6 +326,7 @@ impl Job {
                     worker,
                     kind: FailureKind::Lost,
                     message,
+                    at_ms: now,
                 };
                 changes.push(Change::LeafFailed {
                     job: self.id(),
@@ -338,13 +357,18 @@ impl Job {
         }
         let job = self.id();
         let mut changes: Vec<Change> = children.map(|node| Change::NodeMerged { job, node }).into();
-        let (resolution, totals) = (self.resolution?, self.totals);
+        let mut totals: Option<Totals> = None;
+        for took in children.iter().filter_map(|child| self.nodes[child].totals.as_ref()) {
+            totals.get_or_insert_default().add(took);
+        }
         changes.push(Change::NodeAdded {
             job,
             node: parent,
-            digest,
-            resolution,
-            totals,
+            record: NodeRecord {
+                totals,
+                ..NodeRecord::new(digest)
+            },
+            resolution: self.resolution?,
         });
         Some(changes)
     }
@@ -352,7 +376,8 @@ impl Job {
     /// Gives up a node whose image is missing or damaged.
     #[must_use]
     pub fn lose(&self, node: NodeKey) -> Option<Change> {
-        self.is_live(node).then_some(Change::NodeLost { job: self.id(), node })
+        let (job, loss) = (self.id(), Loss::Damaged);
+        self.is_live(node).then_some(Change::NodeLost { job, node, loss })
     }
 
     /// Ends the job once every leaf is in the tree's shape in the image, or given up.
@@ -394,37 +419,41 @@ impl Job {
     /// Applies a change of this job.
     pub(super) fn evolve(&mut self, change: &Change, lease_until: Millis) {
         match change {
+            Change::JobChanged { control, .. } => self.control = control.clone(),
+            Change::LeasesRenewed(renewals) => {
+                for renewal in renewals {
+                    if let Some(lease) = self.leases.get_mut(&renewal.token) {
+                        lease.record.until_ms = renewal.until_ms;
+                        lease.record.restarts = renewal.restarts;
+                        lease.expires_ms = lease.expires_ms.max(renewal.until_ms);
+                    }
+                }
+            }
             Change::LeaseGranted(record) => {
                 self.state = JobState::Running;
+                self.share_ms = record.share[1];
                 self.hold(record.clone(), lease_until);
             }
             Change::LeaseEnded { token, .. } => _ = self.leases.remove(token),
             Change::NodeAdded {
                 node,
-                digest,
+                record,
                 resolution,
-                totals,
                 ..
             } => {
-                self.nodes.insert(
-                    *node,
-                    NodeRecord {
-                        digest: *digest,
-                        live: true,
-                    },
-                );
+                self.nodes.insert(*node, record.clone());
                 self.live.insert(node.first(), *node);
                 self.resolution = Some(*resolution);
-                self.totals = *totals;
             }
+            Change::NodeJudged { node, record, .. } => _ = self.nodes.insert(*node, record.clone()),
             Change::NodeMerged { node, .. } => {
                 if let Some(record) = self.nodes.get_mut(node) {
-                    record.live = false;
+                    (record.live, record.totals) = (false, None);
                     self.live.remove(&node.first());
                 }
             }
             Change::NodeLost { node, .. } => {
-                self.nodes.remove(node);
+                self.nodes.retain(|key, _| !node.contains(*key));
                 self.live.remove(&node.first());
             }
             Change::LeafFailed { leaf, attempt, .. } => self.failures.entry(*leaf).or_default().push(attempt.clone()),
@@ -439,7 +468,11 @@ impl Job {
                 self.ended_ms = Some(*ended_ms);
                 self.leases.clear();
             }
-            Change::JobSubmitted(_) | Change::WorkerRegistered(_) | Change::WorkerForgotten(_) => {}
+            Change::JobSubmitted(_)
+            | Change::JobReopened { .. }
+            | Change::WorkerRegistered(_)
+            | Change::WorkerJudged { .. }
+            | Change::WorkerForgotten(_) => {}
         }
     }
 
@@ -468,7 +501,8 @@ impl Job {
         JobStatus {
             id: self.id(),
             state: self.state,
-            spec: self.head.spec.clone(),
+            spec: self.spec(),
+            owner: self.head.owner.clone(),
             created_ms: self.head.created_ms,
             ended_ms: self.ended_ms,
             iterations_done: self.done(),
@@ -476,9 +510,14 @@ impl Job {
             poisoned: poisoned.collect(),
             failure: self.failure.clone(),
             resolution: self.resolution,
-            totals: self.totals,
+            totals: self.totals(),
             iterations_per_second: self.pace.iterations_per_second(),
             workers: workers.len() as u32,
+            iterations_in_doubt: 0,
+            renderer: self.control.renderer.clone(),
+            checkpoint: self.control.checkpoint,
+            stop: self.control.stop,
+            waiting: None,
         }
     }
 }

@@ -18,8 +18,8 @@ use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobSpec, JobState};
 use photonfarm_proto::node::NodeKey;
-use photonfarm_proto::worker::LeaseProgress;
-use record::{Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, WorkerRecord};
+use photonfarm_proto::worker::{LeaseProgress, Register};
+use record::{Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, Standing, WorkerRecord};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -187,6 +187,10 @@ impl Farm {
             name: worker.record.name.clone(),
             threads: worker.record.threads,
             renderer: worker.record.renderer.clone(),
+            tags: worker.record.tags.clone(),
+            verified: worker.record.standing.verified,
+            faults: worker.record.standing.faults,
+            quarantine: worker.record.standing.quarantine.clone(),
             silent_ms: now.saturating_sub(worker.last_seen_ms),
             leases: self.leases_of(worker.record.id).count() as u32,
         };
@@ -203,13 +207,15 @@ impl Farm {
 
     /// A worker introduces itself.
     #[must_use]
-    pub fn register(&self, name: String, threads: u32, renderer: String) -> Decision<WorkerId> {
+    pub fn register(&self, register: Register) -> Decision<WorkerId> {
         let id = WorkerId(self.counters.worker + 1);
         let record = WorkerRecord {
             id,
-            name,
-            threads,
-            renderer,
+            name: register.name,
+            threads: register.threads,
+            renderer: register.renderer,
+            tags: register.tags,
+            standing: Standing::default(),
         };
         Decision::new(id, vec![Change::WorkerRegistered(record)])
     }
@@ -286,6 +292,10 @@ impl Farm {
             attempt,
             granted_ms: now,
             expected_ms,
+            verifies: false,
+            share: [0; 2],
+            until_ms: now + self.config.lease_ttl_ms,
+            restarts: 0,
         })
     }
 
@@ -437,18 +447,34 @@ impl Farm {
                     },
                 );
             }
+            Change::WorkerJudged { worker, standing } => {
+                if let Some(worker) = self.workers.get_mut(worker) {
+                    worker.record.standing = standing.clone();
+                }
+            }
             Change::WorkerForgotten(worker) => _ = self.workers.remove(worker),
             Change::JobSubmitted(head) => {
                 self.counters.job = self.counters.job.max(head.id.0);
                 self.jobs.insert(head.id, Job::new(head.clone()));
             }
+            Change::JobReopened { record, .. } => {
+                let job = Job::from_record((**record).clone(), lease_until);
+                self.jobs.insert(job.id(), job);
+            }
             Change::JobEnded { job, .. } => _ = self.jobs.remove(job),
-            Change::LeaseGranted(LeaseRecord { job, token, .. }) => {
+            Change::LeasesRenewed(_) => {
+                let jobs = self.jobs.values_mut();
+                jobs.for_each(|job| job.evolve(change, lease_until));
+            }
+            Change::LeaseGranted(LeaseRecord { job, token, share, .. }) => {
+                self.counters.share = self.counters.share.max(share[0]);
                 self.counters.token = self.counters.token.max(token.0);
                 self.evolve_job(*job, change, lease_until);
             }
             Change::LeaseEnded { job, .. }
+            | Change::JobChanged { job, .. }
             | Change::NodeAdded { job, .. }
+            | Change::NodeJudged { job, .. }
             | Change::NodeMerged { job, .. }
             | Change::NodeLost { job, .. }
             | Change::LeafFailed { job, .. } => self.evolve_job(*job, change, lease_until),

@@ -3,19 +3,43 @@
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::schedule::{Checkpoint, Schedule, Stop};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Time in milliseconds since 1970, UTC; never runs backwards within a process.
 pub type Millis = u64;
 
 /// One change of the farm's state. A decision is a list of them; a store commits the list whole or not at all.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Change {
     /// A worker introduced itself.
     WorkerRegistered(WorkerRecord),
+    /// What is thought of a worker changed.
+    WorkerJudged {
+        /// The worker.
+        worker: WorkerId,
+        /// What is thought of it from now on.
+        standing: Standing,
+    },
     /// A worker was silent for long and holds nothing.
     WorkerForgotten(WorkerId),
     /// A job was submitted.
     JobSubmitted(JobHead),
+    /// How a job goes on changed.
+    JobChanged {
+        /// The job.
+        job: JobId,
+        /// How it goes on.
+        control: JobControl,
+    },
+    /// A job that had ended goes on.
+    JobReopened {
+        /// The job as it goes on.
+        record: Box<JobRecord>,
+        /// When it had ended. Nothing is committed if it ended at another time: somebody else was faster.
+        ended_ms: Millis,
+    },
     /// A lease was granted.
     LeaseGranted(LeaseRecord),
     /// A lease ended, for whichever reason.
@@ -25,32 +49,43 @@ pub enum Change {
         /// The lease.
         token: LeaseToken,
     },
+    /// Leases last until another time.
+    LeasesRenewed(Vec<Renewal>),
     /// A node counts.
     NodeAdded {
         /// The job.
         job: JobId,
         /// The node.
         node: NodeKey,
-        /// Hash of its image.
-        digest: BlobHash,
+        /// What is kept of it.
+        record: NodeRecord,
         /// The job's image size, fixed by its first node.
         resolution: [u32; 2],
-        /// The job's totals from now on.
-        totals: Totals,
     },
-    /// A node is part of a greater one now: it counts no more on its own.
+    /// What is kept of a node that counts changed.
+    NodeJudged {
+        /// The job.
+        job: JobId,
+        /// The node.
+        node: NodeKey,
+        /// What is kept of it from now on.
+        record: NodeRecord,
+    },
+    /// A node is part of a greater one now: it counts no more on its own, and what it took is forgotten.
     NodeMerged {
         /// The job.
         job: JobId,
         /// The node.
         node: NodeKey,
     },
-    /// The image of a node is missing or damaged: its leaves are to be rendered again.
+    /// A node counts no more. It and all nodes within it are forgotten.
     NodeLost {
         /// The job.
         job: JobId,
         /// The node.
         node: NodeKey,
+        /// Why.
+        loss: Loss,
     },
     /// An attempt at a leaf failed.
     LeafFailed {
@@ -74,8 +109,19 @@ pub enum Change {
     },
 }
 
+/// Why a node counts no more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Loss {
+    /// Its image is missing or damaged: its leaves are to be rendered again.
+    Damaged,
+    /// A worker in quarantine had a part in it: its leaves are to be rendered again.
+    Untrusted,
+    /// The job stopped before it.
+    Left,
+}
+
 /// A worker.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WorkerRecord {
     /// The worker.
     pub id: WorkerId,
@@ -83,12 +129,30 @@ pub struct WorkerRecord {
     pub name: String,
     /// Threads it renders with.
     pub threads: u32,
-    /// Version of its renderer.
+    /// Name of its renderer.
     pub renderer: String,
+    /// What it has.
+    #[serde(default)]
+    pub tags: BTreeSet<String>,
+    /// What is thought of it.
+    #[serde(default)]
+    pub standing: Standing,
+}
+
+/// What is thought of a worker.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Standing {
+    /// Nodes of its that another worker confirmed since one was last refuted.
+    pub verified: u32,
+    /// Faults since then.
+    pub faults: u32,
+    /// Why it gets no work.
+    pub quarantine: Option<String>,
 }
 
 /// What of a job never changes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JobHead {
     /// The job.
     pub id: JobId,
@@ -102,8 +166,40 @@ pub struct JobHead {
     pub created_ms: Millis,
 }
 
+/// How a job goes on: what of it can be steered, and what was found out on the way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JobControl {
+    /// Iterations to average.
+    pub iterations: u32,
+    /// When and where it is worked on.
+    pub schedule: Schedule,
+    /// The renderer that it is bound to.
+    #[serde(default)]
+    pub renderer: Option<String>,
+    /// The last checkpoint that was looked at.
+    #[serde(default)]
+    pub checkpoint: Option<Checkpoint>,
+    /// Set once it stopped before its last iteration.
+    #[serde(default)]
+    pub stop: Option<Stop>,
+}
+
+impl JobControl {
+    /// As the job was submitted.
+    #[must_use]
+    pub fn of(spec: &JobSpec) -> Self {
+        Self {
+            iterations: spec.iterations,
+            schedule: spec.schedule.clone(),
+            renderer: None,
+            checkpoint: None,
+            stop: None,
+        }
+    }
+}
+
 /// A lease.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeaseRecord {
     /// Fencing token.
     pub token: LeaseToken,
@@ -119,22 +215,87 @@ pub struct LeaseRecord {
     pub granted_ms: Millis,
     /// How long it should take.
     pub expected_ms: Option<Millis>,
+    /// Whether a node that counts is to be rendered once more, to be compared.
+    #[serde(default)]
+    pub verifies: bool,
+    /// What the job has had of the farm before this lease and with it [weighted ms].
+    #[serde(default)]
+    pub share: [Millis; 2],
+    /// When it ends unless renewed; of use only while nobody remembers a heartbeat.
+    #[serde(default)]
+    pub until_ms: Millis,
+    /// Starts of the coordinator since the last heartbeat.
+    #[serde(default)]
+    pub restarts: u32,
 }
 
-/// A node that was counted once, and perhaps still is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A lease lasts until another time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Renewal {
+    /// The job.
+    pub job: JobId,
+    /// The lease.
+    pub token: LeaseToken,
+    /// When it ends unless renewed.
+    pub until_ms: Millis,
+    /// Starts of the coordinator since the last heartbeat.
+    pub restarts: u32,
+}
+
+/// A node that counts, or is part of one that does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeRecord {
     /// Hash of its image.
     pub digest: BlobHash,
     /// Whether it counts on its own: not part of a greater node.
     pub live: bool,
+    /// Who delivered it; nobody if it was merged from others.
+    #[serde(default)]
+    pub worker: Option<WorkerId>,
+    /// Whether two workers gave the same bits.
+    #[serde(default)]
+    pub verified: bool,
+    /// While it is to be repeated by others: the results so far, the first one that which counts.
+    #[serde(default)]
+    pub opinions: Vec<Opinion>,
+    /// What it took; unknown once it was merged.
+    #[serde(default)]
+    pub totals: Option<Totals>,
+}
+
+impl NodeRecord {
+    /// A node of which nothing but the digest is known.
+    #[must_use]
+    pub fn new(digest: BlobHash) -> Self {
+        Self {
+            digest,
+            live: true,
+            worker: None,
+            verified: false,
+            opinions: Vec::new(),
+            totals: None,
+        }
+    }
+}
+
+/// A result for a node that is in doubt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Opinion {
+    /// Whose.
+    pub worker: WorkerId,
+    /// Hash of the image.
+    pub digest: BlobHash,
 }
 
 /// All that is kept of a job.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JobRecord {
     /// What never changes.
     pub head: JobHead,
+    /// How it goes on.
+    pub control: JobControl,
+    /// What it has had of the farm [weighted ms].
+    pub share_ms: Millis,
     /// Where it stands.
     pub state: JobState,
     /// Why it failed.
@@ -143,9 +304,9 @@ pub struct JobRecord {
     pub ended_ms: Option<Millis>,
     /// Image size, once known.
     pub resolution: Option<[u32; 2]>,
-    /// What the iterations in the image took.
+    /// What nodes took that do not know it themselves: none, but in farms of the first version.
     pub totals: Totals,
-    /// Nodes that were counted.
+    /// Nodes that count, and what they were merged from.
     pub nodes: Vec<(NodeKey, NodeRecord)>,
     /// Leases held.
     pub leases: Vec<LeaseRecord>,
@@ -154,7 +315,7 @@ pub struct JobRecord {
 }
 
 /// The farm as it was left: what a restart begins with.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// The numbers to give next.
     pub counters: Counters,
@@ -165,7 +326,7 @@ pub struct Snapshot {
 }
 
 /// The highest numbers given so far. They never fall, so that a token or an id is never used twice.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counters {
     /// Highest job.
     pub job: u64,
@@ -173,4 +334,7 @@ pub struct Counters {
     pub worker: u64,
     /// Highest fencing token.
     pub token: u64,
+    /// What the job served last had had of the farm [weighted ms].
+    #[serde(default)]
+    pub share: Millis,
 }

@@ -1,6 +1,6 @@
 //! The image of a job at any time: the average over the nodes that count.
 
-use super::{RENDERER, Service, ServiceError};
+use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
 use crate::store::StoreError;
 use photonfarm_core::film::Image;
@@ -88,7 +88,7 @@ impl Service {
 
 fn etag(job: &Job, format: ImageFormat) -> String {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(format!("{RENDERER} {format:?} {}", job.id()).as_bytes());
+    hasher.update(format!("{VERSION} {format:?} {}", job.id()).as_bytes());
     job.live_nodes().for_each(|(_, digest)| _ = hasher.update(&digest.0));
     format!("\"{}\"", &BlobHash::from(hasher.finalize()).to_string()[..32])
 }
@@ -106,7 +106,7 @@ fn metadata(job: &Job) -> PictureMetadata {
     let bandwidth = job.totals().bandwidth;
     let has_angle = matches!(spec.integrator, IntegratorSettings::Pcf(_));
     PictureMetadata {
-        version: RENDERER.to_owned(),
+        version: VERSION.to_owned(),
         scene_hash: spec.scene.to_string(),
         defines: spec.defines.clone(),
         integrator: spec.integrator.clone(),

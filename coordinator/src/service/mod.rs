@@ -11,7 +11,7 @@ mod upload;
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture};
 
-use crate::scheduler::record::{Change, LeaseRecord, Millis};
+use crate::scheduler::record::{Change, LeaseRecord, Loss, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, StateStore};
 use photonfarm_proto::api::WorkerStatus;
@@ -20,13 +20,14 @@ use photonfarm_proto::job::{Attempt, FailureKind, JobStatus};
 use photonfarm_proto::limits::Limits;
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::schedule::check_tags;
+use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, Register, Release};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::{Mutex, RwLock, Semaphore, watch};
 
-/// Version of the renderer whose results count: a worker with another one is refused.
-pub const RENDERER: &str = env!("CARGO_PKG_VERSION");
+pub use photonfarm_proto::VERSION;
 
 /// Longest wait for a lease in one request.
 const LONGEST_POLL: Duration = Duration::from_secs(30);
@@ -201,7 +202,12 @@ impl Service {
         let makes_work = |change: &Change| {
             matches!(
                 change,
-                Change::JobSubmitted(_) | Change::LeaseEnded { .. } | Change::NodeLost { .. }
+                Change::JobSubmitted(_)
+                    | Change::JobChanged { .. }
+                    | Change::JobReopened { .. }
+                    | Change::LeaseEnded { .. }
+                    | Change::NodeJudged { .. }
+                    | Change::NodeLost { .. }
             )
         };
         if changes.iter().any(makes_work) {
@@ -211,20 +217,16 @@ impl Service {
 
     /// A worker introduces itself.
     pub async fn register(self: &Arc<Self>, register: Register) -> Result<WorkerId, ServiceError> {
-        let Register {
-            name,
-            threads,
-            renderer,
-        } = register;
-        if renderer != RENDERER {
-            let detail = format!("the worker renders with version {renderer}, this farm with {RENDERER}");
+        let version = version_of(&register.renderer);
+        if version != VERSION {
+            let detail = format!("the worker has version {version}, this farm {VERSION}");
             return Err(Problem::new(ErrorCode::VersionMismatch, detail).into());
         }
-        if name.len() > 255 {
+        if register.name.len() > 255 || register.renderer.len() > 255 {
             return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
         }
-        self.transact(move |farm, _| Ok(farm.register(name, threads, renderer)))
-            .await
+        check_tags(&register.tags, "tags")?;
+        self.transact(move |farm, _| Ok(farm.register(register))).await
     }
 
     /// Time between heartbeats that workers are told.
@@ -290,7 +292,7 @@ impl Service {
         };
         Ok(cell.farm.job(job).map(|job| Assignment {
             lease,
-            spec: job.head().spec.clone(),
+            spec: job.spec(),
         }))
     }
 
@@ -322,6 +324,7 @@ impl Service {
             worker,
             kind,
             message: photonfarm_proto::worker::cut_text(message),
+            at_ms: self.clock.now(),
         };
         self.transact(move |farm, now| farm.fail(job, token, leaf, attempt, now))
             .await?;
@@ -405,7 +408,7 @@ impl Service {
 
 fn merged_digests(farm: &Farm, changes: &[Change]) -> Vec<(JobId, NodeKey, BlobHash)> {
     let merged = changes.iter().filter_map(|change| match change {
-        Change::NodeMerged { job, node } => Some((*job, *node)),
+        Change::NodeMerged { job, node } | Change::NodeLost { job, node, .. } => Some((*job, *node)),
         _ => None,
     });
     merged
@@ -421,6 +424,10 @@ fn log_change(change: &Change) {
         Change::WorkerRegistered(worker) => {
             tracing::info!(worker = %worker.id, name = worker.name, threads = worker.threads, "worker registered");
         }
+        Change::WorkerJudged { worker, standing } => match &standing.quarantine {
+            Some(reason) => tracing::error!(%worker, reason, "worker is in quarantine"),
+            None => tracing::debug!(%worker, ?standing, "worker judged"),
+        },
         Change::WorkerForgotten(worker) => tracing::info!(%worker, "worker forgotten"),
         Change::JobSubmitted(head) => {
             tracing::info!(job = %head.id, iterations = head.spec.iterations, "job submitted");
@@ -435,10 +442,22 @@ fn log_change(change: &Change) {
         }) => {
             tracing::debug!(%job, %node, %worker, %token, attempt, "lease granted");
         }
+        Change::JobChanged { job, control } => tracing::info!(%job, ?control, "job changed"),
+        Change::JobReopened { record, .. } => {
+            tracing::info!(job = %record.head.id, iterations = record.control.iterations, "job goes on");
+        }
+        Change::LeasesRenewed(renewals) => tracing::debug!(leases = renewals.len(), "leases renewed"),
         Change::LeaseEnded { job, token } => tracing::debug!(%job, %token, "lease ended"),
         Change::NodeAdded { job, node, .. } => tracing::debug!(%job, %node, "node counts"),
+        Change::NodeJudged { job, node, record } => {
+            tracing::debug!(%job, %node, opinions = record.opinions.len(), verified = record.verified, "node judged");
+        }
         Change::NodeMerged { .. } => {}
-        Change::NodeLost { job, node } => tracing::error!(%job, %node, "node lost: its image is missing or damaged"),
+        Change::NodeLost { job, node, loss } => match loss {
+            Loss::Damaged => tracing::error!(%job, %node, "node lost: its image is missing or damaged"),
+            Loss::Untrusted => tracing::warn!(%job, %node, "node given up: a worker in quarantine had a part in it"),
+            Loss::Left => tracing::debug!(%job, %node, "node left out: the job stopped before it"),
+        },
         Change::LeafFailed { job, leaf, attempt } => {
             let (worker, kind, message) = (attempt.worker, attempt.kind, &attempt.message);
             tracing::warn!(%job, iteration = leaf + 1, %worker, ?kind, message, "iteration failed");

@@ -10,6 +10,7 @@ use futures_util::stream;
 use photonfarm_core::film::Node;
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::RENDERER;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, encode_node};
@@ -60,12 +61,14 @@ impl World {
             integrator: IntegratorSettings::Path(PathSettings::default()),
             iterations,
             seed: 0,
+            schedule: Default::default(),
         };
         let job = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;
         let register = Register {
             name: "w".into(),
             threads: 1,
             renderer: RENDERER.into(),
+            tags: Default::default(),
         };
         let worker = service.register(register).await.unwrap();
         Self {

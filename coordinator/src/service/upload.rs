@@ -64,7 +64,7 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, "times and bandwidths are finite and not negative").into());
         }
         let job = self.find_job(upload.job).await?;
-        if !upload.node.fits(job.head().spec.iterations) {
+        if !upload.node.fits(job.control().iterations) {
             let detail = format!("node {} lies beyond the job's iterations", upload.node);
             return Err(Problem::new(ErrorCode::Invalid, detail).into());
         }

@@ -2,7 +2,7 @@
 
 use super::{StateStore, StoreError};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, Counters, JobHead, JobRecord, NodeRecord, Snapshot, WorkerRecord};
+use crate::scheduler::record::{Change, Counters, JobControl, JobHead, JobRecord, Snapshot, WorkerRecord};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -42,45 +42,62 @@ impl Rows {
                 self.counters.worker = self.counters.worker.max(worker.id.0);
                 self.workers.insert(worker.id, worker.clone());
             }
+            Change::WorkerJudged { worker, standing } => {
+                if let Some(record) = self.workers.get_mut(worker) {
+                    record.standing = standing.clone();
+                }
+            }
             Change::WorkerForgotten(worker) => _ = self.workers.remove(worker),
             Change::JobSubmitted(head) => {
                 self.counters.job = self.counters.job.max(head.id.0);
                 assert!(self.jobs.insert(head.id, new_job(head.clone())).is_none());
             }
+            Change::JobChanged { job, control } => self.job(*job).control = control.clone(),
+            Change::JobReopened { record, ended_ms } => {
+                let job = self.job(record.head.id);
+                assert_eq!(job.ended_ms, Some(*ended_ms));
+                *job = *record.clone();
+            }
             Change::LeaseGranted(lease) => {
                 self.counters.token = self.counters.token.max(lease.token.0);
+                self.counters.share = self.counters.share.max(lease.share[0]);
                 let job = self.job(lease.job);
+                job.share_ms = lease.share[1];
                 job.state = JobState::Running;
                 job.leases.push(lease.clone());
             }
             Change::LeaseEnded { job, token } => self.job(*job).leases.retain(|lease| lease.token != *token),
+            Change::LeasesRenewed(renewals) => {
+                for renewal in renewals {
+                    let leases = self.job(renewal.job).leases.iter_mut();
+                    for lease in leases.filter(|lease| lease.token == renewal.token) {
+                        (lease.until_ms, lease.restarts) = (renewal.until_ms, renewal.restarts);
+                    }
+                }
+            }
             Change::NodeAdded {
                 job,
                 node,
-                digest,
+                record,
                 resolution,
-                totals,
             } => {
                 let job = self.job(*job);
                 job.nodes.retain(|(key, _)| key != node);
-                job.nodes.push((
-                    *node,
-                    NodeRecord {
-                        digest: *digest,
-                        live: true,
-                    },
-                ));
+                job.nodes.push((*node, record.clone()));
                 job.nodes.sort_unstable_by_key(|(key, _)| *key);
-                (job.resolution, job.totals) = (Some(*resolution), *totals);
+                job.resolution = Some(*resolution);
+            }
+            Change::NodeJudged { job, node, record } => {
+                for (_, known) in self.job(*job).nodes.iter_mut().filter(|(key, _)| key == node) {
+                    *known = record.clone();
+                }
             }
             Change::NodeMerged { job, node } => {
-                let nodes = &mut self.job(*job).nodes;
-                nodes
-                    .iter_mut()
-                    .filter(|(key, _)| key == node)
-                    .for_each(|(_, record)| record.live = false);
+                for (_, record) in self.job(*job).nodes.iter_mut().filter(|(key, _)| key == node) {
+                    (record.live, record.totals) = (false, None);
+                }
             }
-            Change::NodeLost { job, node } => self.job(*job).nodes.retain(|(key, _)| key != node),
+            Change::NodeLost { job, node, .. } => self.job(*job).nodes.retain(|(key, _)| !node.contains(*key)),
             Change::LeafFailed { job, leaf, attempt } => self.job(*job).failures.push((*leaf, attempt.clone())),
             Change::JobEnded {
                 job,
@@ -107,6 +124,8 @@ fn owned_bytes(owned: &BTreeMap<(String, BlobHash), u64>, owner: &str) -> u64 {
 
 fn new_job(head: JobHead) -> JobRecord {
     JobRecord {
+        control: JobControl::of(&head.spec),
+        share_ms: 0,
         head,
         state: JobState::Queued,
         failure: None,
@@ -213,7 +232,7 @@ impl StateStore for MemoryStore {
         Ok(Usage {
             jobs: jobs.clone().filter(|job| job.ended_ms.is_none()).count() as u64,
             bundle_bytes: owned_bytes(&rows.owned, &owner),
-            iterations: jobs.map(|job| u64::from(job.head.spec.iterations)).sum(),
+            iterations: jobs.map(|job| u64::from(job.control.iterations)).sum(),
         })
     }
 

@@ -2,10 +2,12 @@
 
 use super::{StateStore, StoreError};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, Counters, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord};
+use crate::scheduler::record::{
+    Change, Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Renewal, Snapshot, WorkerRecord,
+};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::{Attempt, JobState};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::token::Usage;
@@ -19,7 +21,7 @@ use std::time::Duration;
 /// "PHFM": marks the file as ours.
 const APPLICATION_ID: i32 = 0x5048_464d;
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3];
 
 pub(super) const SCHEMA_1: &str = "
 CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
@@ -50,6 +52,21 @@ CREATE TABLE owned_blob (
     owner TEXT, blob BLOB, bytes INTEGER NOT NULL, PRIMARY KEY (owner, blob)) STRICT, WITHOUT ROWID;
 ALTER TABLE job ADD COLUMN owner TEXT NOT NULL DEFAULT '';
 CREATE INDEX job_of_owner ON job (owner);
+";
+
+/// How jobs go on; workers, nodes and leases with all that is kept of them, as JSON.
+const SCHEMA_3: &str = "
+ALTER TABLE job ADD COLUMN control TEXT;
+ALTER TABLE job ADD COLUMN share_ms INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE worker ADD COLUMN record TEXT;
+UPDATE worker SET record = json_object('id', id, 'name', name, 'threads', threads, 'renderer', renderer);
+ALTER TABLE node ADD COLUMN record TEXT;
+UPDATE node SET record = json_object(
+    'digest', lower(hex(digest)), 'live', json(CASE live WHEN 0 THEN 'false' ELSE 'true' END));
+ALTER TABLE lease ADD COLUMN record TEXT;
+UPDATE lease SET record = json_object(
+    'token', token, 'job', job, 'node', json_object('level', level, 'index', place), 'worker', worker,
+    'attempt', attempt, 'granted_ms', granted_ms, 'expected_ms', expected_ms);
 ";
 
 /// The state of a farm in one file.
@@ -165,18 +182,23 @@ fn apply(transaction: &Transaction, change: &Change) -> Result<(), StoreError> {
         Ok(())
     };
     match change {
-        Change::WorkerRegistered(WorkerRecord {
-            id,
-            name,
-            threads,
-            renderer,
-        }) => {
-            raise_counter(transaction, "worker", id.0)?;
+        Change::WorkerRegistered(record) => {
+            raise_counter(transaction, "worker", record.id.0)?;
             run(
-                "INSERT OR REPLACE INTO worker VALUES (?1, ?2, ?3, ?4)",
-                params![signed(id.0)?, name, threads, renderer],
+                "INSERT OR REPLACE INTO worker VALUES (?1, ?2, ?3, ?4, ?5)",
+                params![
+                    signed(record.id.0)?,
+                    record.name,
+                    record.threads,
+                    record.renderer,
+                    to_json(record)?
+                ],
             )
         }
+        Change::WorkerJudged { worker, standing } => run(
+            "UPDATE worker SET record = json_set(record, '$.standing', json(?2)) WHERE id = ?1",
+            params![signed(worker.0)?, to_json(standing)?],
+        ),
         Change::WorkerForgotten(worker) => run("DELETE FROM worker WHERE id = ?1", params![signed(worker.0)?]),
         Change::JobSubmitted(JobHead {
             id,
@@ -199,31 +221,37 @@ fn apply(transaction: &Transaction, change: &Change) -> Result<(), StoreError> {
                 ],
             )
         }
+        Change::JobChanged { job, control } => run(
+            "UPDATE job SET control = ?2 WHERE id = ?1",
+            params![signed(job.0)?, to_json(control)?],
+        ),
+        Change::JobReopened { record, ended_ms } => reopen_job(transaction, record, *ended_ms),
         Change::LeaseGranted(lease) => grant_lease(transaction, lease),
         Change::LeaseEnded { token, .. } => run("DELETE FROM lease WHERE token = ?1", params![signed(token.0)?]),
+        Change::LeasesRenewed(renewals) => renewals
+            .iter()
+            .try_for_each(|renewal| renew_lease(transaction, renewal)),
         Change::NodeAdded {
             job,
             node,
-            digest,
+            record,
             resolution,
-            totals,
         } => {
-            run(
-                "INSERT OR REPLACE INTO node VALUES (?1, ?2, ?3, ?4, 1)",
-                params![signed(job.0)?, node.level, node.index, digest.0],
-            )?;
+            write_node(transaction, *job, *node, record)?;
             let [width, height] = resolution;
             run(
-                "UPDATE job SET width = ?2, height = ?3, totals = ?4 WHERE id = ?1",
-                params![signed(job.0)?, width, height, to_json(totals)?],
+                "UPDATE job SET width = ?2, height = ?3 WHERE id = ?1",
+                params![signed(job.0)?, width, height],
             )
         }
+        Change::NodeJudged { job, node, record } => write_node(transaction, *job, *node, record),
         Change::NodeMerged { job, node } => run(
-            "UPDATE node SET live = 0 WHERE job = ?1 AND level = ?2 AND place = ?3",
+            "UPDATE node SET live = 0, record = json_set(record, '$.live', json('false'), '$.totals', NULL) \
+             WHERE job = ?1 AND level = ?2 AND place = ?3",
             params![signed(job.0)?, node.level, node.index],
         ),
-        Change::NodeLost { job, node } => run(
-            "DELETE FROM node WHERE job = ?1 AND level = ?2 AND place = ?3",
+        Change::NodeLost { job, node, .. } => run(
+            "DELETE FROM node WHERE job = ?1 AND level <= ?2 AND place >> (?2 - level) = ?3",
             params![signed(job.0)?, node.level, node.index],
         ),
         Change::LeafFailed { job, leaf, attempt } => run(
@@ -249,7 +277,7 @@ fn grant_lease(transaction: &Transaction, lease: &LeaseRecord) -> Result<(), Sto
     raise_counter(transaction, "token", lease.token.0)?;
     let job = signed(lease.job.0)?;
     transaction
-        .prepare_cached("INSERT OR REPLACE INTO lease VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)")?
+        .prepare_cached("INSERT OR REPLACE INTO lease VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)")?
         .execute(params![
             signed(lease.token.0)?,
             job,
@@ -259,10 +287,60 @@ fn grant_lease(transaction: &Transaction, lease: &LeaseRecord) -> Result<(), Sto
             lease.attempt,
             signed(lease.granted_ms)?,
             lease.expected_ms.map(signed).transpose()?,
+            to_json(lease)?,
         ])?;
+    raise_counter(transaction, "share", lease.share[0])?;
     transaction
-        .prepare_cached("UPDATE job SET state = ?2 WHERE id = ?1")?
-        .execute(params![job, to_json(&JobState::Running)?])?;
+        .prepare_cached("UPDATE job SET state = ?2, share_ms = ?3 WHERE id = ?1")?
+        .execute(params![job, to_json(&JobState::Running)?, signed(lease.share[1])?])?;
+    Ok(())
+}
+
+fn renew_lease(transaction: &Transaction, renewal: &Renewal) -> Result<(), StoreError> {
+    transaction
+        .prepare_cached(
+            "UPDATE lease SET record = json_set(record, '$.until_ms', ?2, '$.restarts', ?3) WHERE token = ?1",
+        )?
+        .execute(params![
+            signed(renewal.token.0)?,
+            signed(renewal.until_ms)?,
+            renewal.restarts
+        ])?;
+    Ok(())
+}
+
+fn write_node(transaction: &Transaction, job: JobId, node: NodeKey, record: &NodeRecord) -> Result<(), StoreError> {
+    transaction
+        .prepare_cached("INSERT OR REPLACE INTO node VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?
+        .execute(params![
+            signed(job.0)?,
+            node.level,
+            node.index,
+            record.digest.0,
+            record.live,
+            to_json(record)?
+        ])?;
+    Ok(())
+}
+
+/// A job that had ended goes on; what it consists of is in its rows already.
+fn reopen_job(transaction: &Transaction, record: &JobRecord, ended_ms: u64) -> Result<(), StoreError> {
+    let reopened = transaction
+        .prepare_cached(
+            "UPDATE job SET state = ?3, failure = NULL, ended_ms = NULL, control = ?4 WHERE id = ?1 AND ended_ms = ?2",
+        )?
+        .execute(params![
+            signed(record.head.id.0)?,
+            signed(ended_ms)?,
+            to_json(&record.state)?,
+            to_json(&record.control)?
+        ])?;
+    if reopened != 1 {
+        return Err(StoreError::Damaged(format!(
+            "job {} ended anew meanwhile",
+            record.head.id
+        )));
+    }
     Ok(())
 }
 
@@ -285,31 +363,22 @@ fn hash_at(row: &Row, column: usize) -> Result<BlobHash, StoreError> {
     Ok(BlobHash(row.get(column)?))
 }
 
-const JOB_COLUMNS: &str =
-    "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner FROM job";
+const JOB_COLUMNS: &str = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner, \
+                           control, share_ms FROM job";
 
 fn read_job(connection: &Connection, row: &Row) -> Result<JobRecord, StoreError> {
     let number: i64 = row.get(0)?;
     let id = JobId(unsigned(number)?);
     let size: (Option<u32>, Option<u32>) = (row.get(7)?, row.get(8)?);
-    let node = |row: &Row| {
-        let key = NodeKey {
-            level: row.get(0)?,
-            index: row.get(1)?,
-        };
-        Ok((
-            key,
-            NodeRecord {
-                digest: hash_at(row, 2)?,
-                live: row.get(3)?,
-            },
-        ))
-    };
     let failure = |row: &Row| Ok((row.get(0)?, from_json::<Attempt>(&row.get::<_, String>(1)?)?));
+    let spec = from_json(&row.get::<_, String>(1)?)?;
+    let control = row.get::<_, Option<String>>(11)?.map(|text| from_json(&text));
     Ok(JobRecord {
+        control: control.transpose()?.unwrap_or_else(|| JobControl::of(&spec)),
+        share_ms: unsigned(row.get(12)?)?,
         head: JobHead {
             id,
-            spec: from_json(&row.get::<_, String>(1)?)?,
+            spec,
             owner: row.get(10)?,
             key: row.get(2)?,
             created_ms: unsigned(row.get(3)?)?,
@@ -321,13 +390,13 @@ fn read_job(connection: &Connection, row: &Row) -> Result<JobRecord, StoreError>
         totals: from_json(&row.get::<_, String>(9)?)?,
         nodes: rows(
             connection,
-            "SELECT level, place, digest, live FROM node WHERE job = ?1",
+            "SELECT level, place, record FROM node WHERE job = ?1",
             params![number],
-            node,
+            read_node,
         )?,
         leases: rows(
             connection,
-            "SELECT * FROM lease WHERE job = ?1 ORDER BY token",
+            "SELECT record FROM lease WHERE job = ?1 ORDER BY token",
             params![number],
             read_lease,
         )?,
@@ -340,19 +409,16 @@ fn read_job(connection: &Connection, row: &Row) -> Result<JobRecord, StoreError>
     })
 }
 
+fn read_node(row: &Row) -> Result<(NodeKey, NodeRecord), StoreError> {
+    let key = NodeKey {
+        level: row.get(0)?,
+        index: row.get(1)?,
+    };
+    Ok((key, from_json(&row.get::<_, String>(2)?)?))
+}
+
 fn read_lease(row: &Row) -> Result<LeaseRecord, StoreError> {
-    Ok(LeaseRecord {
-        token: LeaseToken(unsigned(row.get(0)?)?),
-        job: JobId(unsigned(row.get(1)?)?),
-        node: NodeKey {
-            level: row.get(2)?,
-            index: row.get(3)?,
-        },
-        worker: WorkerId(unsigned(row.get(4)?)?),
-        attempt: row.get(5)?,
-        granted_ms: unsigned(row.get(6)?)?,
-        expected_ms: row.get::<_, Option<i64>>(7)?.map(unsigned).transpose()?,
-    })
+    from_json(&row.get::<_, String>(0)?)
 }
 
 fn read_jobs(
@@ -377,13 +443,7 @@ fn owned_bytes(connection: &Connection, owner: &str) -> Result<u64, StoreError> 
 }
 
 fn read_worker(row: &Row) -> Result<WorkerRecord, StoreError> {
-    let id = WorkerId(unsigned(row.get(0)?)?);
-    Ok(WorkerRecord {
-        id,
-        name: row.get(1)?,
-        threads: row.get(2)?,
-        renderer: row.get(3)?,
-    })
+    from_json(&row.get::<_, String>(0)?)
 }
 
 #[async_trait]
@@ -396,8 +456,9 @@ impl StateStore for SqliteStore {
                     job: counter("job")?,
                     worker: counter("worker")?,
                     token: counter("token")?,
+                    share: counter("share")?,
                 },
-                workers: rows(connection, "SELECT * FROM worker ORDER BY id", &[], read_worker)?,
+                workers: rows(connection, "SELECT record FROM worker ORDER BY id", &[], read_worker)?,
                 jobs: read_jobs(connection, "WHERE ended_ms IS NULL ORDER BY id", &[])?,
             })
         })
@@ -478,7 +539,7 @@ impl StateStore for SqliteStore {
     async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
         self.with(move |connection| {
             let query = "SELECT count(*) FILTER (WHERE ended_ms IS NULL), \
-                         coalesce(sum(json_extract(spec, '$.iterations')), 0) FROM job WHERE owner = ?1";
+                         coalesce(sum(json_extract(coalesce(control, spec), '$.iterations')), 0) FROM job WHERE owner = ?1";
             let (jobs, iterations) = connection.query_row(query, [&owner], |row| Ok((row.get(0)?, row.get(1)?)))?;
             Ok(Usage {
                 jobs: unsigned(jobs)?,

@@ -2,12 +2,15 @@
 
 use super::memory::MemoryStore;
 use super::*;
-use crate::scheduler::record::{Counters, JobHead, LeaseRecord, WorkerRecord};
+use crate::scheduler::record::{
+    Counters, JobControl, JobHead, LeaseRecord, Loss, NodeRecord, Opinion, Renewal, Standing, WorkerRecord,
+};
 use photonfarm_core::settings::{IntegratorSettings, PppmSettings};
 use photonfarm_proto::bundle::FileEntry;
 use photonfarm_proto::id::{LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, BandwidthRange, FailureKind, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::schedule::{Checkpoint, Stop, StopReason};
 use photonfarm_proto::token::{Quota, Role, Usage};
 use std::path::Path;
 use tokio::io::AsyncReadExt;
@@ -20,6 +23,7 @@ fn spec() -> JobSpec {
         integrator: IntegratorSettings::Pppm(PppmSettings::default()),
         iterations: 9,
         seed: u64::MAX,
+        schedule: Default::default(),
     }
 }
 
@@ -42,6 +46,10 @@ fn lease(token: u64) -> LeaseRecord {
         attempt: 1,
         granted_ms: 5,
         expected_ms: token.is_multiple_of(2).then_some(7),
+        verifies: token == 2,
+        share: [token, 10 * token],
+        until_ms: 9,
+        restarts: 0,
     }
 }
 
@@ -55,9 +63,12 @@ fn added(node: NodeKey) -> Change {
     Change::NodeAdded {
         job: JobId(1),
         node,
-        digest,
+        record: NodeRecord {
+            worker: Some(WorkerId(1)),
+            totals: Some(totals),
+            ..NodeRecord::new(digest)
+        },
         resolution: [3, 2],
-        totals,
     }
 }
 
@@ -67,6 +78,8 @@ fn worker(id: u64) -> WorkerRecord {
         name: "w".into(),
         threads: 2,
         renderer: "1".into(),
+        tags: ["gpu=no".to_owned()].into(),
+        standing: Standing::default(),
     }
 }
 
@@ -78,13 +91,40 @@ fn history() -> Vec<Vec<Change>> {
         worker: WorkerId(1),
         kind: FailureKind::Render,
         message: message.into(),
+        at_ms: 3,
     };
     vec![
         vec![Change::WorkerRegistered(worker(1)), Change::WorkerRegistered(worker(2))],
+        vec![Change::WorkerJudged {
+            worker: WorkerId(1),
+            standing: Standing {
+                verified: 2,
+                faults: 1,
+                quarantine: Some("why".into()),
+            },
+        }],
         vec![Change::WorkerForgotten(WorkerId(2))],
         vec![Change::JobSubmitted(head(1, Some("key")))],
         vec![Change::JobSubmitted(head(2, None)), Change::JobSubmitted(head(3, None))],
+        vec![Change::JobChanged {
+            job,
+            control: JobControl {
+                iterations: 12,
+                renderer: Some("1+x".into()),
+                checkpoint: Some(Checkpoint {
+                    iterations: 4,
+                    noise: 0.25,
+                }),
+                ..JobControl::of(&spec())
+            },
+        }],
         vec![Change::LeaseGranted(lease(1)), Change::LeaseGranted(lease(2))],
+        vec![Change::LeasesRenewed(vec![Renewal {
+            job,
+            token: LeaseToken(2),
+            until_ms: 11,
+            restarts: 3,
+        }])],
         vec![
             Change::LeaseEnded {
                 job,
@@ -102,6 +142,19 @@ fn history() -> Vec<Vec<Change>> {
         vec![Change::NodeLost {
             job,
             node: NodeKey::leaf(6),
+            loss: Loss::Damaged,
+        }],
+        vec![Change::NodeJudged {
+            job,
+            node: NodeKey::leaf(5),
+            record: NodeRecord {
+                verified: true,
+                opinions: vec![Opinion {
+                    worker: WorkerId(1),
+                    digest: BlobHash::of(b"5"),
+                }],
+                ..NodeRecord::new(BlobHash::of(b"other"))
+            },
         }],
         vec![
             Change::LeafFailed {
@@ -121,7 +174,85 @@ fn history() -> Vec<Vec<Change>> {
             failure: Some("why".into()),
             ended_ms: 1_700_000_000_009,
         }],
+        vec![Change::NodeLost {
+            job,
+            node: NodeKey { level: 1, index: 0 },
+            loss: Loss::Untrusted,
+        }],
+        vec![reopened()],
     ]
+}
+
+/// Job 3 goes on with more iterations.
+fn reopened() -> Change {
+    let control = JobControl {
+        iterations: 20,
+        stop: Some(Stop {
+            reason: StopReason::Noise,
+            asked: 9,
+        }),
+        ..JobControl::of(&spec())
+    };
+    let record = JobRecord {
+        control,
+        share_ms: 0,
+        head: head(3, None),
+        state: JobState::Queued,
+        failure: None,
+        ended_ms: None,
+        resolution: None,
+        totals: Totals::default(),
+        nodes: vec![],
+        leases: vec![],
+        failures: vec![],
+    };
+    Change::JobReopened {
+        record: Box::new(record),
+        ended_ms: 1_700_000_000_009,
+    }
+}
+
+/// The state of a farm of the first version, as rows.
+const FIRST_VERSION: &str = "
+INSERT INTO worker VALUES (1, 'w', 2, '0.1.0');
+INSERT INTO node VALUES (1, 1, 0, zeroblob(32), 1), (1, 0, 1, zeroblob(32), 0);
+INSERT INTO lease VALUES (7, 1, 1, 1, 1, 2, 5, NULL);
+PRAGMA application_id = 0x5048464d; PRAGMA user_version = 1;
+";
+
+#[tokio::test]
+async fn a_farm_of_the_first_version_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("farm.sqlite");
+    let old = rusqlite::Connection::open(&path).unwrap();
+    old.execute_batch(super::sqlite::SCHEMA_1).unwrap();
+    let (spec_text, totals) = (
+        serde_json::to_string(&spec()),
+        serde_json::to_string(&Totals::default()),
+    );
+    let insert = "INSERT INTO job (id, spec, created_ms, state, totals) VALUES (1, ?1, 5, '\"running\"', ?2)";
+    old.execute(insert, [spec_text.unwrap(), totals.unwrap()]).unwrap();
+    old.execute_batch(FIRST_VERSION).unwrap();
+    drop(old);
+    let snapshot = SqliteStore::open(&path).unwrap().load().await.unwrap();
+    let job = &snapshot.jobs[0];
+    assert_eq!(job.control, JobControl::of(&spec()));
+    let node = |live| NodeRecord {
+        live,
+        ..NodeRecord::new(BlobHash([0; 32]))
+    };
+    let nodes = [
+        (NodeKey::leaf(1), node(false)),
+        (NodeKey { level: 1, index: 0 }, node(true)),
+    ];
+    assert_eq!(job.nodes, nodes);
+    let lease = &job.leases[0];
+    assert_eq!(
+        (lease.token, lease.node),
+        (LeaseToken(7), NodeKey { level: 1, index: 1 })
+    );
+    assert_eq!((snapshot.workers[0].id, snapshot.workers[0].threads), (WorkerId(1), 2));
+    SqliteStore::open(&path).unwrap();
 }
 
 async fn open_sqlite(folder: &Path) -> SqliteStore {
@@ -153,7 +284,8 @@ async fn the_database_keeps_what_it_commits() {
         Counters {
             job: 3,
             worker: 2,
-            token: 2
+            token: 2,
+            share: 2
         }
     );
     for (before, limit) in [(None, 2), (Some(JobId(3)), 5), (Some(JobId(1)), 5), (None, 0)] {
@@ -280,7 +412,7 @@ async fn use_is_counted_by_owner() {
             bundle_bytes,
             iterations,
         };
-        assert_eq!(store.usage("ann".into()).await.unwrap(), usage(1, 7, 18));
+        assert_eq!(store.usage("ann".into()).await.unwrap(), usage(2, 7, 32));
         assert_eq!(store.usage("bob".into()).await.unwrap(), usage(0, 5, 0));
         assert_eq!(store.usage(String::new()).await.unwrap(), usage(1, 0, 9));
     }

@@ -98,11 +98,11 @@ impl Farm {
     }
 
     pub(crate) async fn register(&self) -> WorkerId {
-        let renderer = env!("CARGO_PKG_VERSION").to_owned();
         let register = Register {
             name: "test".into(),
             threads: 1,
-            renderer,
+            renderer: photonfarm_proto::RENDERER.to_owned(),
+            tags: Default::default(),
         };
         self.call::<_, Registered>("register", &register).await.worker
     }

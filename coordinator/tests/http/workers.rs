@@ -169,7 +169,8 @@ async fn workers_of_another_version_and_garbage_are_refused() {
     let register = Register {
         name: "w".into(),
         threads: 1,
-        renderer: "0.0.0-other".into(),
+        renderer: "0.0.0+other".into(),
+        tags: Default::default(),
     };
     let mut frame = encode(&register).unwrap();
     expect_problem(farm.send("register", frame.clone()).await, ErrorCode::VersionMismatch).await;

@@ -233,6 +233,7 @@ impl Farm {
             integrator: IntegratorSettings::Pppm(PppmSettings::default()),
             iterations,
             seed: SEED,
+            schedule: Default::default(),
         };
         let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();
         assert_eq!(reply.status(), 201);

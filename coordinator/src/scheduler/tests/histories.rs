@@ -164,7 +164,7 @@ impl World {
         };
         match self.random.below(20) {
             0 => {
-                let decision = self.farm.register("w".into(), 1, "1".into());
+                let decision = self.farm.register(introduction());
                 if let Some(worker) = self.transact(decision) {
                     self.workers.insert(worker, Vec::new());
                 }
@@ -279,6 +279,7 @@ impl World {
                     worker: lease.worker,
                     kind,
                     message: "cursed".into(),
+                    at_ms: 0,
                 };
                 (
                     lease.job,
@@ -306,7 +307,7 @@ impl World {
             self.now += 1_000;
             self.tick();
             if self.workers.is_empty() {
-                let decision = self.farm.register("last".into(), 1, "1".into());
+                let decision = self.farm.register(introduction());
                 if let Some(worker) = self.transact(decision) {
                     self.workers.insert(worker, Vec::new());
                 }

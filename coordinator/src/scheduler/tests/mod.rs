@@ -16,6 +16,16 @@ fn spec(iterations: u32) -> JobSpec {
         integrator: IntegratorSettings::Path(PathSettings::default()),
         iterations,
         seed: 0,
+        schedule: Default::default(),
+    }
+}
+
+fn introduction() -> Register {
+    Register {
+        name: "w".into(),
+        threads: 1,
+        renderer: "1+a".into(),
+        tags: Default::default(),
     }
 }
 

@@ -6,7 +6,7 @@ use crate::store::memory::Rows;
 fn farm_with(iterations: u32, workers: u64) -> Farm {
     let mut farm = Farm::restore(SchedulerConfig::default(), Snapshot::default(), 0);
     for _ in 0..workers {
-        commit(&mut farm, 0, |farm| farm.register("w".into(), 1, "1".into()));
+        commit(&mut farm, 0, |farm| farm.register(introduction()));
     }
     commit(&mut farm, 0, |farm| {
         farm.submit(spec(iterations), String::new(), None, 0)
@@ -122,6 +122,7 @@ fn an_iteration_is_given_up_after_its_failures_and_the_job_says_so() {
             worker: WorkerId(1),
             kind: FailureKind::Panic,
             message: format!("boom {attempt}"),
+            at_ms: 0,
         };
         commit(&mut farm, 0, |farm| {
             farm.fail(lease.job, lease.token, 0, failed, 0).unwrap()
@@ -155,6 +156,7 @@ fn a_fault_of_the_scene_ends_the_job_at_once() {
         worker: WorkerId(1),
         kind: FailureKind::Scene,
         message: "scene.xml:3: no".into(),
+        at_ms: 0,
     };
     commit(&mut farm, 0, |farm| {
         farm.fail(lease.job, lease.token, 0, fault, 0).unwrap()
@@ -213,6 +215,10 @@ fn a_whole_block_takes_the_place_of_its_parts() {
         attempt: 1,
         granted_ms: 0,
         expected_ms: None,
+        verifies: false,
+        share: [0; 2],
+        until_ms: 0,
+        restarts: 0,
     });
     farm.evolve(&Change::LeaseGranted(first.clone()), 0);
     farm.evolve(&Change::LeaseGranted(second.clone()), 0);
@@ -242,6 +248,7 @@ fn an_iteration_that_was_given_up_is_not_lent_as_a_straggler() {
             worker: WorkerId(1),
             kind: FailureKind::Render,
             message: "no".into(),
+            at_ms: 0,
         };
         commit(&mut farm, now, |farm| {
             farm.fail(lease.job, lease.token, slow.node.index, failed, now).unwrap()
@@ -276,7 +283,7 @@ fn leases_survive_a_restart_with_time_to_reconnect() {
             .submit(spec(4), String::new(), None, 0)
             .changes,
     );
-    let farm = keep(farm.register("w".into(), 1, "1".into()).changes);
+    let farm = keep(farm.register(introduction()).changes);
     let Decision { reply, changes } = farm.lease(WorkerId(1), &[], 0).unwrap();
     keep(changes);
     let lease = reply.unwrap();
