@@ -152,8 +152,8 @@ pub fn open_stores(data: &Path) -> Result<Stores, StoreError> {
         source,
     })?;
     let state = SqliteStore::open(&data.join("farm.sqlite"))?;
-    let scenes = FolderStore::open(&data.join("scenes"))?;
-    let nodes = FolderStore::open(&data.join("nodes"))?;
+    let scenes = FolderStore::open(&data.join("scenes"), false)?;
+    let nodes = FolderStore::open(&data.join("nodes"), false)?;
     Ok(Stores {
         state: Arc::new(state),
         scenes: Arc::new(scenes),

@@ -8,7 +8,7 @@ use photonfarm_proto::job::{Attempt, FailureKind, JobSpec, JobState, JobStatus, 
 use photonfarm_proto::node::NodeKey;
 use std::collections::BTreeMap;
 
-/// A node that a worker delivers; its bytes are safe in the store.
+/// A node that a worker delivers; its bytes are safe in the store, or the worker says so.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Delivery {
     /// The lease under which it was rendered.
@@ -23,6 +23,8 @@ pub struct Delivery {
     pub resolution: [u32; 2],
     /// Hash of its image.
     pub digest: BlobHash,
+    /// Whether its worker stored the image and no coordinator has read it yet.
+    pub unread: bool,
     /// What it took.
     pub totals: Totals,
 }
@@ -166,6 +168,12 @@ impl Job {
         self.live.values().map(|node| node.leaves()).sum()
     }
 
+    /// Pixels across and down, once the first node has fixed them.
+    #[must_use]
+    pub fn resolution(&self) -> Option<[u32; 2]> {
+        self.resolution
+    }
+
     /// What the iterations in the image took.
     #[must_use]
     pub fn totals(&self) -> Totals {
@@ -254,6 +262,7 @@ impl Job {
             node,
             record: NodeRecord {
                 worker: Some(delivery.worker),
+                unread: delivery.unread,
                 totals: Some(delivery.totals),
                 ..NodeRecord::new(delivery.digest)
             },
@@ -373,17 +382,54 @@ impl Job {
         Some(changes)
     }
 
-    /// Gives up a node whose image is missing or damaged.
+    /// The leftmost node of the image that no coordinator has read yet.
     #[must_use]
-    pub fn lose(&self, node: NodeKey) -> Option<Change> {
-        let (job, loss) = (self.id(), Loss::Damaged);
-        self.is_live(node).then_some(Change::NodeLost { job, node, loss })
+    pub fn next_unread(&self) -> Option<(NodeKey, BlobHash)> {
+        let mut live = self.live.values().map(|key| (*key, &self.nodes[key]));
+        live.find(|(_, record)| record.unread)
+            .map(|(key, record)| (key, record.digest))
     }
 
-    /// Ends the job once every leaf is in the tree's shape in the image, or given up.
+    /// The image of a node was read, and is what it should be.
+    #[must_use]
+    pub fn check(&self, node: NodeKey) -> Option<Change> {
+        let record = self.nodes.get(&node).filter(|record| record.live && record.unread)?;
+        Some(Change::NodeJudged {
+            job: self.id(),
+            node,
+            record: NodeRecord {
+                unread: false,
+                ..record.clone()
+            },
+        })
+    }
+
+    /// Gives up a node whose image is missing or damaged. If it never was as its worker said, that is the worker's
+    /// failure.
+    #[must_use]
+    pub fn lose(&self, node: NodeKey, reason: &str, now: Millis) -> Vec<Change> {
+        let (job, loss) = (self.id(), Loss::Damaged);
+        if !self.is_live(node) || self.state.ended() {
+            return Vec::new();
+        }
+        let mut changes = vec![Change::NodeLost { job, node, loss }];
+        let record = &self.nodes[&node];
+        if let (Some(worker), true, Ok(leaf)) = (record.worker, record.unread, u32::try_from(node.first())) {
+            let attempt = Attempt {
+                worker,
+                kind: FailureKind::Render,
+                message: format!("worker {worker} delivered node {node}, but {reason}"),
+                at_ms: now,
+            };
+            changes.push(Change::LeafFailed { job, leaf, attempt });
+        }
+        changes
+    }
+
+    /// Ends the job once every leaf is in the tree's shape in the image, read by a coordinator, or given up.
     #[must_use]
     pub fn settle(&self, config: &SchedulerConfig, now: Millis) -> Option<Change> {
-        if self.state.ended() || self.next_merge().is_some() {
+        if self.state.ended() || self.next_merge().is_some() || self.next_unread().is_some() {
             return None;
         }
         let poisoned: Vec<_> = self.poisoned(config).collect();

@@ -375,11 +375,22 @@ impl Farm {
         Decision::new(changes.is_some(), changes.unwrap_or_default())
     }
 
-    /// The image of a node is missing or damaged: its leaves go back to the pool.
+    /// The image of a node is missing or damaged: its leaves go back to the pool. Replies whether it counted.
     #[must_use]
-    pub fn lose(&self, job: JobId, node: NodeKey) -> Decision<()> {
-        let lost = self.jobs.get(&job).and_then(|job| job.lose(node));
-        Decision::new((), lost.into_iter().collect())
+    pub fn lose(&self, job: JobId, node: NodeKey, reason: &str, now: Millis) -> Decision<bool> {
+        let lost = self
+            .jobs
+            .get(&job)
+            .map(|job| job.lose(node, reason, now))
+            .unwrap_or_default();
+        Decision::new(!lost.is_empty(), lost)
+    }
+
+    /// The image of a node was read, and is what it should be.
+    #[must_use]
+    pub fn check(&self, job: JobId, node: NodeKey) -> Decision<()> {
+        let checked = self.jobs.get(&job).and_then(|job| job.check(node));
+        Decision::new((), checked.into_iter().collect())
     }
 
     /// Ends a job that is complete.

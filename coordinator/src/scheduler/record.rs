@@ -261,6 +261,9 @@ pub struct NodeRecord {
     /// What it took; unknown once it was merged.
     #[serde(default)]
     pub totals: Option<Totals>,
+    /// Whether its worker stored the image and no coordinator has read it yet: the digest is what the worker says.
+    #[serde(default)]
+    pub unread: bool,
 }
 
 impl NodeRecord {
@@ -274,6 +277,7 @@ impl NodeRecord {
             verified: false,
             opinions: Vec::new(),
             totals: None,
+            unread: false,
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Siblings become their parent, until only maximal nodes are left; then a complete job ends.
 
 use super::{Service, ServiceError};
-use crate::store::{self, StoreError};
+use crate::scheduler::Job;
+use crate::store;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::node::{self, NodeKey};
@@ -51,7 +52,17 @@ impl Service {
                 self.collect(vec![(job, parent, digest)]);
             }
         }
+        while let Some(node) = self.next_unread(job).await? {
+            if self.child(job, node).await?.is_some() {
+                self.transact(move |farm, _| Ok(farm.check(job, node.0))).await?;
+            }
+        }
         self.transact(move |farm, now| Ok(farm.settle(job, now))).await
+    }
+
+    /// A node of the image that nobody has looked at, where nothing is left to merge.
+    async fn next_unread(&self, job: JobId) -> Result<Option<(NodeKey, BlobHash)>, ServiceError> {
+        Ok(self.fresh_farm().await?.farm.job(job).and_then(Job::next_unread))
     }
 
     async fn next_merge(&self, job: JobId) -> Result<Option<(NodeKey, [(NodeKey, BlobHash); 2])>, ServiceError> {
@@ -64,31 +75,8 @@ impl Service {
         }))
     }
 
-    /// Reads a child. If its image is missing or damaged, its leaves go back to the pool.
-    async fn child(
-        self: &Arc<Self>,
-        job: JobId,
-        (key, digest): (NodeKey, BlobHash),
-    ) -> Result<Option<Node>, ServiceError> {
-        let read = match self.stores.nodes.read(digest).await {
-            Ok(bytes) => {
-                let limits = self.limits.clone();
-                let decode = move || node::decode_node(&bytes, &limits);
-                tokio::task::spawn_blocking(decode)
-                    .await
-                    .map_err(|_| ServiceError::Stopping)?
-                    .ok()
-            }
-            Err(StoreError::NoBlob(_) | StoreError::Damaged(_)) => None,
-            Err(error) => return Err(error.into()),
-        };
-        match read {
-            Some((_, node)) => Ok(Some(node)),
-            None => {
-                self.stores.nodes.remove(digest).await?;
-                self.transact(move |farm, _| Ok(farm.lose(job, key))).await?;
-                Ok(None)
-            }
-        }
+    async fn child(self: &Arc<Self>, job: JobId, node: (NodeKey, BlobHash)) -> Result<Option<Node>, ServiceError> {
+        let resolution = self.fresh_farm().await?.farm.job(job).and_then(Job::resolution);
+        self.node(job, node, resolution).await
     }
 }

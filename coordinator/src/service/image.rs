@@ -2,14 +2,13 @@
 
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
-use crate::store::StoreError;
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::{self, PictureMetadata};
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_core::tree::Average;
 use photonfarm_proto::id::{BlobHash, JobId};
-use photonfarm_proto::node;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use std::sync::Arc;
 
 /// How often a picture is begun anew because its nodes were merged meanwhile.
 const ATTEMPTS: usize = 8;
@@ -34,7 +33,12 @@ pub struct Picture {
 
 impl Service {
     /// The image as it stands, unless it still is the one that `known` names.
-    pub async fn picture(&self, id: JobId, format: ImageFormat, known: Option<&str>) -> Result<Picture, ServiceError> {
+    pub async fn picture(
+        self: &Arc<Self>,
+        id: JobId,
+        format: ImageFormat,
+        known: Option<&str>,
+    ) -> Result<Picture, ServiceError> {
         let _permit = self.pictures.acquire().await.map_err(|_| ServiceError::Stopping)?;
         for _ in 0..ATTEMPTS {
             let job = self.find_job(id).await?;
@@ -42,10 +46,8 @@ impl Service {
             if known.is_some_and(|known| matches_tag(known, &etag)) {
                 return Ok(Picture { etag, bytes: None });
             }
-            let image = match self.average(&job).await {
-                Ok(image) => image,
-                Err(ServiceError::Store(StoreError::NoBlob(_))) => continue,
-                Err(error) => return Err(error),
+            let Some(image) = self.average(&job).await? else {
+                continue;
             };
             let metadata = metadata(&job);
             let encode = move || match format {
@@ -63,14 +65,16 @@ impl Service {
         Err(Problem::new(ErrorCode::Internal, "nodes of the image are missing").into())
     }
 
-    async fn average(&self, job: &Job) -> Result<Image, ServiceError> {
+    /// The average; nothing if a node was merged or given up meanwhile.
+    async fn average(self: &Arc<Self>, job: &Job) -> Result<Option<Image>, ServiceError> {
         let mut average = Average::default();
         let mut empty = true;
-        for (_, digest) in job.live_nodes() {
-            let bytes = self.stores.nodes.read(digest).await?;
-            let limits = self.limits.clone();
+        for node in job.live_nodes() {
+            let Some(node) = self.node(job.id(), node, job.resolution()).await? else {
+                return Ok(None);
+            };
             let add = move || -> Result<Average, ServiceError> {
-                average.push(node::decode_node(&bytes, &limits)?.1)?;
+                average.push(node)?;
                 Ok(average)
             };
             average = tokio::task::spawn_blocking(add)
@@ -82,7 +86,7 @@ impl Service {
             let detail = format!("no iteration of job {} has arrived yet", job.id());
             return Err(Problem::new(ErrorCode::NoImageYet, detail).into());
         }
-        Ok(average.finish()?)
+        Ok(Some(average.finish()?))
     }
 }
 

@@ -102,7 +102,7 @@ impl Service {
         self.check_quota(caller, 1, spec.iterations.into()).await?;
         let owner = caller.name.clone();
         let id = self
-            .transact(move |farm, now| Ok(farm.submit(spec, owner, key, now)))
+            .transact(move |farm, now| Ok(farm.submit(spec.clone(), owner.clone(), key.clone(), now)))
             .await?;
         Ok((self.status(id).await?, true))
     }

@@ -4,6 +4,7 @@ mod error;
 mod fold;
 mod image;
 mod jobs;
+mod nodes;
 #[cfg(test)]
 mod tests;
 mod upload;
@@ -13,7 +14,7 @@ pub use image::{ImageFormat, Picture};
 
 use crate::scheduler::record::{Change, LeaseRecord, Loss, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
-use crate::store::{BlobStore, StateStore};
+use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobStatus};
@@ -70,6 +71,8 @@ pub struct Service {
 
 struct FarmCell {
     farm: Farm,
+    /// Where the farm stands in the order of commits.
+    sequence: Sequence,
     /// A commit failed with an unknown outcome: the state must be loaded again.
     stale: bool,
 }
@@ -81,13 +84,13 @@ struct Clock {
 }
 
 impl Clock {
-    fn new() -> Self {
+    fn new(offset_ms: i64) -> Self {
         let base_ms = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default()
             .as_millis() as Millis;
         Self {
-            base_ms,
+            base_ms: base_ms.saturating_add_signed(offset_ms),
             start: Instant::now(),
         }
     }
@@ -100,12 +103,17 @@ impl Clock {
 impl Service {
     /// Goes on from what the stores hold.
     pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
-        let clock = Clock::new();
-        let farm = Farm::restore(scheduler, stores.state.load().await?, clock.now());
+        let clock = Clock::new(stores.state.clock_offset_ms());
+        let (sequence, snapshot) = stores.state.load().await?;
+        let farm = Farm::restore(scheduler, snapshot, clock.now());
         let service = Arc::new(Self {
             limits,
             stores,
-            farm: Mutex::new(FarmCell { farm, stale: false }),
+            farm: Mutex::new(FarmCell {
+                farm,
+                sequence,
+                stale: false,
+            }),
             clock,
             progress: watch::Sender::new(0),
             work: watch::Sender::new(0),
@@ -155,43 +163,92 @@ impl Service {
         self.progress.subscribe()
     }
 
-    /// Decides, commits, applies. Runs to its end even if the caller is dropped, so that what is remembered never
-    /// differs from what is kept.
+    /// Decides, commits, applies. Where another coordinator was first, learns what it did and decides again. Runs to
+    /// its end even if the caller is dropped, so that what is remembered never differs from what is kept.
     async fn transact<T: Send + 'static>(
         self: &Arc<Self>,
-        decide: impl FnOnce(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
+        decide: impl Fn(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
     ) -> Result<T, ServiceError> {
         let service = self.clone();
         let task = async move {
             let mut cell = service.fresh_farm().await?;
-            let now = service.clock.now();
-            let Decision { reply, changes } = decide(&cell.farm, now)?;
-            if changes.is_empty() {
-                return Ok(reply);
+            loop {
+                let now = service.clock.now();
+                let Decision { reply, changes } = match decide(&cell.farm, now) {
+                    Ok(decision) => decision,
+                    Err(_) if service.catch_up(&mut cell).await? => continue,
+                    Err(refusal) => return Err(refusal.into()),
+                };
+                if changes.is_empty() {
+                    return Ok(reply);
+                }
+                match service.stores.state.commit(cell.sequence, changes.clone()).await {
+                    Ok(Commit::Kept(sequence)) => {
+                        cell.sequence = sequence;
+                        service.apply(&mut cell, &changes, now);
+                        return Ok(reply);
+                    }
+                    Ok(Commit::Behind) => _ = service.catch_up(&mut cell).await?,
+                    Err(error) => {
+                        cell.stale = true;
+                        return Err(error.into());
+                    }
+                }
             }
-            if let Err(error) = service.stores.state.commit(changes.clone()).await {
-                cell.stale = true;
-                return Err(error.into());
-            }
-            let garbage = merged_digests(&cell.farm, &changes);
-            for change in &changes {
-                log_change(change);
-                cell.farm.evolve(change, now);
-            }
-            drop(cell);
-            service.notify(&changes);
-            service.collect(garbage);
-            Ok(reply)
         };
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
     }
 
-    /// The farm's state, loaded again if a commit left it in doubt.
+    /// Applies changes of this coordinator that are kept.
+    fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
+        let garbage = merged_digests(&cell.farm, changes);
+        for change in changes {
+            log_change(change);
+            cell.farm.evolve(change, now);
+        }
+        self.notify(changes);
+        self.collect(garbage);
+    }
+
+    /// Learns what other coordinators changed. Returns whether there was anything.
+    async fn catch_up(&self, cell: &mut FarmCell) -> Result<bool, ServiceError> {
+        if !self.stores.state.is_shared() {
+            return Ok(false);
+        }
+        match self.stores.state.news(cell.sequence).await? {
+            News::Changes(sequence, changes) => {
+                let moved = sequence != cell.sequence;
+                let now = self.clock.now();
+                changes.iter().for_each(|change| cell.farm.evolve(change, now));
+                cell.sequence = sequence;
+                if moved {
+                    self.notify(&changes);
+                }
+                Ok(moved)
+            }
+            News::Forgotten => {
+                self.reload(cell).await?;
+                Ok(true)
+            }
+        }
+    }
+
+    async fn reload(&self, cell: &mut FarmCell) -> Result<(), ServiceError> {
+        let (sequence, snapshot) = self.stores.state.load().await?;
+        cell.farm = Farm::restore(cell.farm.config().clone(), snapshot, self.clock.now());
+        cell.sequence = sequence;
+        Ok(())
+    }
+
+    /// The farm's state, brought up to date if a commit left it in doubt.
     async fn fresh_farm(&self) -> Result<tokio::sync::MutexGuard<'_, FarmCell>, ServiceError> {
         let mut cell = self.farm.lock().await;
         if cell.stale {
-            let snapshot = self.stores.state.load().await?;
-            cell.farm = Farm::restore(cell.farm.config().clone(), snapshot, self.clock.now());
+            if self.stores.state.is_shared() {
+                self.catch_up(&mut cell).await?;
+            } else {
+                self.reload(&mut cell).await?;
+            }
             cell.stale = false;
         }
         Ok(cell)
@@ -226,7 +283,7 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
         }
         check_tags(&register.tags, "tags")?;
-        self.transact(move |farm, _| Ok(farm.register(register))).await
+        self.transact(move |farm, _| Ok(farm.register(register.clone()))).await
     }
 
     /// Time between heartbeats that workers are told.
@@ -326,7 +383,7 @@ impl Service {
             message: photonfarm_proto::worker::cut_text(message),
             at_ms: self.clock.now(),
         };
-        self.transact(move |farm, now| farm.fail(job, token, leaf, attempt, now))
+        self.transact(move |farm, now| farm.fail(job, token, leaf, attempt.clone(), now))
             .await?;
         self.transact(move |farm, now| Ok(farm.settle(job, now))).await
     }
@@ -397,7 +454,7 @@ impl Service {
     async fn remove_orphans(&self) -> Result<(), ServiceError> {
         let mut live = self.stores.state.live_digests().await?;
         live.sort_unstable();
-        for digest in self.stores.nodes.list().await? {
+        for (digest, _) in self.stores.nodes.list().await? {
             if live.binary_search(&digest).is_err() {
                 self.stores.nodes.remove(digest).await?;
             }

@@ -28,7 +28,7 @@ struct World {
 }
 
 fn stores(folder: &Path, state: &Arc<MemoryStore>) -> Stores {
-    let open = |name: &str| Arc::new(FolderStore::open(&folder.join(name)).unwrap());
+    let open = |name: &str| Arc::new(FolderStore::open(&folder.join(name), false).unwrap());
     Stores {
         state: state.clone(),
         scenes: open("scenes"),
@@ -206,7 +206,7 @@ async fn a_lost_image_is_rendered_again() {
     let world = World::new(2).await;
     let first = world.lease().await;
     world.upload(&first).await.unwrap();
-    let digest = world.service.stores.nodes.list().await.unwrap()[0];
+    let digest = world.service.stores.nodes.list().await.unwrap()[0].0;
     world.service.stores.nodes.remove(digest).await.unwrap();
     let second = world.lease().await;
     world.upload(&second).await.unwrap();

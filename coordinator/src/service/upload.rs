@@ -79,6 +79,7 @@ impl Service {
             node: upload.node,
             resolution: [upload.width, upload.height],
             digest: upload.digest,
+            unread: false,
             totals: upload.totals,
         };
         let service = self.clone();

@@ -1,22 +1,24 @@
 //! Blobs as files: `<first two digits>/<other digits>` of the hash, written aside, synced, then renamed.
 
 use super::{BlobReader, BlobStore, StagedBlob, StoreError};
+use crate::scheduler::record::Millis;
 use async_trait::async_trait;
 use photonfarm_proto::id::BlobHash;
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::fs::{self, File};
 use tokio::io::AsyncWriteExt;
 
 const STAGING: &str = "staging";
 
-/// A folder of blobs. It has one user at a time; whoever opens the state store next to it sees to that.
+/// Age after which a half-written file is nobody's, where several coordinators share the folder.
+const ABANDONED: Duration = Duration::from_secs(24 * 3600);
+
+/// A folder of blobs.
 #[derive(Clone, Debug)]
 pub struct FolderStore {
     root: PathBuf,
-    next_stage: Arc<AtomicU64>,
 }
 
 fn io(path: &Path) -> impl FnOnce(std::io::Error) -> StoreError {
@@ -25,25 +27,41 @@ fn io(path: &Path) -> impl FnOnce(std::io::Error) -> StoreError {
 }
 
 impl FolderStore {
-    /// Opens or makes the folder, and removes what was left half written.
-    pub fn open(root: &Path) -> Result<Self, StoreError> {
+    /// Opens or makes the folder, and removes what was left half written. If others may be writing, `shared`, that is
+    /// only what is a day old.
+    pub fn open(root: &Path, shared: bool) -> Result<Self, StoreError> {
         let staging = root.join(STAGING);
-        match std::fs::remove_dir_all(&staging) {
-            Err(error) if error.kind() != ErrorKind::NotFound => return Err(io(&staging)(error)),
-            _ => {}
-        }
         std::fs::create_dir_all(&staging).map_err(io(&staging))?;
+        for file in std::fs::read_dir(&staging).map_err(io(&staging))? {
+            let file = file.map_err(io(&staging))?;
+            let age = file.metadata().and_then(|metadata| metadata.modified());
+            let age = age.ok().and_then(|time| SystemTime::now().duration_since(time).ok());
+            if !shared || age.is_some_and(|age| age > ABANDONED) {
+                let path = file.path();
+                std::fs::remove_file(&path)
+                    .or_else(|error| match error.kind() {
+                        ErrorKind::NotFound => Ok(()),
+                        _ => Err(error),
+                    })
+                    .map_err(io(&path))?;
+            }
+        }
         sync_folder(root)?;
-        Ok(Self {
-            root: root.to_owned(),
-            next_stage: Arc::default(),
-        })
+        Ok(Self { root: root.to_owned() })
     }
 
     fn path(&self, hash: BlobHash) -> PathBuf {
         let digits = hash.to_string();
         self.root.join(&digits[..2]).join(&digits[2..])
     }
+}
+
+fn modified_ms(metadata: &std::fs::Metadata) -> Millis {
+    let since_1970 = metadata
+        .modified()
+        .ok()
+        .and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+    since_1970.unwrap_or_default().as_millis() as Millis
 }
 
 /// Makes renames within a folder durable.
@@ -64,10 +82,13 @@ async fn in_background<T: Send + 'static>(
 #[async_trait]
 impl BlobStore for FolderStore {
     async fn stage(&self) -> Result<Box<dyn StagedBlob>, StoreError> {
-        let number = self.next_stage.fetch_add(1, Ordering::Relaxed);
-        let path = self.root.join(STAGING).join(number.to_string());
-        let file = File::create_new(&path).await.map_err(io(&path))?;
-        let guard = StagedPath(path);
+        let staging = self.root.join(STAGING);
+        let (file, path) = in_background(move || {
+            let file = tempfile::NamedTempFile::new_in(&staging).map_err(io(&staging))?;
+            file.keep().map_err(|error| io(&staging)(error.error))
+        })
+        .await?;
+        let (file, guard) = (File::from_std(file), StagedPath(path));
         Ok(Box::new(StagedFile {
             store: self.clone(),
             file,
@@ -76,10 +97,17 @@ impl BlobStore for FolderStore {
         }))
     }
 
-    async fn read(&self, hash: BlobHash) -> Result<Vec<u8>, StoreError> {
+    async fn read(&self, hash: BlobHash, most: u64) -> Result<Vec<u8>, StoreError> {
         let path = self.path(hash);
         in_background(move || {
-            let bytes = std::fs::read(&path).map_err(|error| missing_or(hash, &path, error))?;
+            let file = std::fs::File::open(&path).map_err(|error| missing_or(hash, &path, error))?;
+            let length = file.metadata().map_err(io(&path))?.len();
+            if length > most {
+                let detail = format!("{} has {length} bytes, more than {most}", path.display());
+                return Err(StoreError::Damaged(detail));
+            }
+            let mut bytes = Vec::with_capacity(length as usize);
+            file.take(most).read_to_end(&mut bytes).map_err(io(&path))?;
             let found = BlobHash::of(&bytes);
             if found != hash {
                 return Err(StoreError::Damaged(format!("{} has hash {found}", path.display())));
@@ -111,7 +139,7 @@ impl BlobStore for FolderStore {
         }
     }
 
-    async fn list(&self) -> Result<Vec<BlobHash>, StoreError> {
+    async fn list(&self) -> Result<Vec<(BlobHash, Millis)>, StoreError> {
         let root = self.root.clone();
         in_background(move || {
             let mut hashes = Vec::new();
@@ -122,9 +150,11 @@ impl BlobStore for FolderStore {
                     continue;
                 }
                 for file in std::fs::read_dir(folder.path()).map_err(io(&folder.path()))? {
-                    let end = file.map_err(io(&folder.path()))?.file_name();
-                    let digits = format!("{}{}", start.to_string_lossy(), end.to_string_lossy());
-                    hashes.extend(digits.parse::<BlobHash>());
+                    let file = file.map_err(io(&folder.path()))?;
+                    let digits = format!("{}{}", start.to_string_lossy(), file.file_name().to_string_lossy());
+                    if let (Ok(hash), Ok(metadata)) = (digits.parse::<BlobHash>(), file.metadata()) {
+                        hashes.push((hash, modified_ms(&metadata)));
+                    }
                 }
             }
             Ok(hashes)

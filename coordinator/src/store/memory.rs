@@ -1,6 +1,6 @@
 //! A store for tests: state in memory, which can be told to fail.
 
-use super::{StateStore, StoreError};
+use super::{Commit, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{Change, Counters, JobControl, JobHead, JobRecord, Snapshot, WorkerRecord};
 use async_trait::async_trait;
@@ -165,17 +165,17 @@ impl MemoryStore {
 
 #[async_trait]
 impl StateStore for MemoryStore {
-    async fn load(&self) -> Result<Snapshot, StoreError> {
-        Ok(self.rows().snapshot())
+    async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
+        Ok((0, self.rows().snapshot()))
     }
 
-    async fn commit(&self, changes: Vec<Change>) -> Result<(), StoreError> {
+    async fn commit(&self, _expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError> {
         let next = std::mem::take(&mut *self.next.lock().unwrap());
         if next != NextCommit::Fails {
             changes.iter().for_each(|change| self.rows().apply(change));
         }
         match next {
-            NextCommit::Succeeds => Ok(()),
+            NextCommit::Succeeds => Ok(Commit::Kept(0)),
             NextCommit::Fails | NextCommit::SucceedsUnnoticed => Err(StoreError::Stopped),
         }
     }

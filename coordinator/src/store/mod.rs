@@ -6,6 +6,7 @@
 mod folder;
 #[cfg(test)]
 pub(crate) mod memory;
+mod sql;
 mod sqlite;
 #[cfg(test)]
 mod tests;
@@ -14,11 +15,13 @@ pub use folder::FolderStore;
 pub use sqlite::SqliteStore;
 
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, JobRecord, Snapshot};
+use crate::scheduler::record::{Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
+use photonfarm_proto::worker::LeaseProgress;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -29,10 +32,10 @@ pub enum StoreError {
     #[error("{}: in use by another coordinator", .0.display())]
     InUse(PathBuf),
     /// Made by a newer version, or by another program.
-    #[error("{}: {reason}", path.display())]
+    #[error("{place}: {reason}")]
     Foreign {
-        /// The file.
-        path: PathBuf,
+        /// The file or the database.
+        place: String,
         /// What it is.
         reason: String,
     },
@@ -50,9 +53,9 @@ pub enum StoreError {
     /// No such blob.
     #[error("there is no blob {0}")]
     NoBlob(BlobHash),
-    /// The database failed.
+    /// The database file failed.
     #[error("the database failed: {0}")]
-    Database(#[from] rusqlite::Error),
+    Sqlite(#[from] rusqlite::Error),
     /// The file system failed.
     #[error("{}: {source}", path.display())]
     Io {
@@ -70,23 +73,56 @@ impl StoreError {
     /// Whether the same call may succeed later, as after a full disk.
     #[must_use]
     pub fn retryable(&self) -> bool {
-        matches!(self, Self::Database(_) | Self::Io { .. } | Self::Stopped)
+        matches!(self, Self::Sqlite(_) | Self::Io { .. } | Self::Stopped)
     }
+}
+
+/// The farm's place in the order of commits: every commit raises it by one. Stores with one user leave it at zero.
+pub type Sequence = u64;
+
+/// What became of a commit.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Commit {
+    /// All changes are kept, and the farm stands here.
+    Kept(Sequence),
+    /// Another coordinator was first: nothing was kept. Learn its changes ([`StateStore::news`]) and decide again.
+    Behind,
+}
+
+/// What other coordinators changed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum News {
+    /// These changes, in their order, lead here. There may be none.
+    Changes(Sequence, Vec<Change>),
+    /// The store does not remember so far back: [`StateStore::load`] tells.
+    Forgotten,
+}
+
+/// A sign of life of a worker, as one coordinator received it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Beat {
+    /// The worker.
+    pub worker: WorkerId,
+    /// When, by the store's clock.
+    pub at_ms: Millis,
+    /// The leases it holds and how far they are.
+    pub leases: Vec<LeaseProgress>,
 }
 
 /// State: jobs, leases, nodes, workers, bundles, tokens.
 ///
 /// # Contract
 /// * [`commit`](Self::commit) applies all changes or none, and what it applied survives a crash of the machine.
-///   After an error the outcome is unknown until [`load`](Self::load) tells.
+///   After an error the outcome is unknown until [`news`](Self::news) or [`load`](Self::load) tell.
 /// * Counters never fall, even when the rows that used them are gone.
-/// * A store has one user at a time: opening it twice is an error.
+/// * A store either has one user at a time, and opening it twice is an error; or it is
+///   [`shared`](Self::is_shared), and a commit is kept only if it was decided upon the newest state.
 #[async_trait]
 pub trait StateStore: Send + Sync {
     /// The state to go on from.
-    async fn load(&self) -> Result<Snapshot, StoreError>;
-    /// Applies changes, all or none.
-    async fn commit(&self, changes: Vec<Change>) -> Result<(), StoreError>;
+    async fn load(&self) -> Result<(Sequence, Snapshot), StoreError>;
+    /// Applies changes, all or none, if the farm still stands at `expected`.
+    async fn commit(&self, expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError>;
     /// A job, whether it has ended or not.
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError>;
     /// Up to `limit` jobs, newest first, below the job `before`.
@@ -118,28 +154,74 @@ pub trait StateStore: Send + Sync {
     async fn close(&self);
     /// Digests of all nodes that count, of all jobs.
     async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError>;
+
+    /// Whether several coordinators may use the store at once.
+    fn is_shared(&self) -> bool {
+        false
+    }
+
+    /// What changed since the farm stood at `since`.
+    async fn news(&self, _since: Sequence) -> Result<News, StoreError> {
+        Ok(News::Forgotten)
+    }
+
+    /// Returns when there may be news; at the latest after about a second in a shared store, never in others.
+    async fn wait_for_news(&self) {
+        std::future::pending().await
+    }
+
+    /// Passes on signs of life received here, and returns those that others received since the last call.
+    async fn share_beats(&self, _heard: Vec<Beat>) -> Result<Vec<Beat>, StoreError> {
+        Ok(Vec::new())
+    }
+
+    /// Whether this coordinator is the one that expires leases, merges nodes and removes garbage: one at a time is,
+    /// until it ends.
+    async fn leads(&self) -> Result<bool, StoreError> {
+        Ok(true)
+    }
+
+    /// What to add to this machine's clock so that all coordinators agree [ms].
+    fn clock_offset_ms(&self) -> i64 {
+        0
+    }
 }
 
 /// Bytes, named by their hash.
 ///
 /// # Contract
 /// * A blob is there whole or not at all, and what was published survives a crash of the machine.
-/// * Publishing what is there already succeeds and changes nothing.
-/// * [`read`](Self::read) returns bytes of the hash asked for, or an error.
+/// * Publishing what is there already succeeds, and changes nothing but its time.
+/// * [`read`](Self::read) returns bytes of the hash asked for, or an error: [`StoreError::NoBlob`] or
+///   [`StoreError::Damaged`] where the same call will not succeed later.
 #[async_trait]
 pub trait BlobStore: Send + Sync {
     /// Begins a blob. Dropping it leaves nothing behind that anyone could read.
     async fn stage(&self) -> Result<Box<dyn StagedBlob>, StoreError>;
-    /// All bytes, verified.
-    async fn read(&self, hash: BlobHash) -> Result<Vec<u8>, StoreError>;
+    /// All bytes, verified. A blob of more than `most` bytes is damaged.
+    async fn read(&self, hash: BlobHash, most: u64) -> Result<Vec<u8>, StoreError>;
     /// The bytes as a stream with its length, not verified: the receiver does that.
     async fn open(&self, hash: BlobHash) -> Result<(u64, BlobReader), StoreError>;
     /// Whether the blob is there.
     async fn contains(&self, hash: BlobHash) -> Result<bool, StoreError>;
     /// Removes the blob, if it is there.
     async fn remove(&self, hash: BlobHash) -> Result<(), StoreError>;
-    /// Names of all blobs.
-    async fn list(&self) -> Result<Vec<BlobHash>, StoreError>;
+    /// Names of all blobs, with the time since 1970 when each was last published, by the store's clock [ms].
+    async fn list(&self) -> Result<Vec<(BlobHash, Millis)>, StoreError>;
+
+    /// A URL by which whoever has it may do `access` to the blob, for a short time; nothing where the store has none.
+    async fn signed_url(&self, _hash: BlobHash, _access: Access) -> Result<Option<String>, StoreError> {
+        Ok(None)
+    }
+}
+
+/// What a signed URL allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// HTTP GET.
+    Read,
+    /// HTTP PUT of the whole blob.
+    Write,
 }
 
 /// Bytes of a blob as they are read.
@@ -154,13 +236,11 @@ pub trait StagedBlob: Send {
     async fn publish(self: Box<Self>, expected: BlobHash) -> Result<(), StoreError>;
 }
 
-/// Stages and publishes bytes at hand.
+/// Stages and publishes bytes at hand, even if they are there: a blob that was published lately is no garbage.
 pub async fn put(store: &dyn BlobStore, bytes: &[u8]) -> Result<BlobHash, StoreError> {
     let hash = BlobHash::of(bytes);
-    if !store.contains(hash).await? {
-        let mut staged = store.stage().await?;
-        staged.write(bytes).await?;
-        staged.publish(hash).await?;
-    }
+    let mut staged = store.stage().await?;
+    staged.write(bytes).await?;
+    staged.publish(hash).await?;
     Ok(hash)
 }

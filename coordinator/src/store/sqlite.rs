@@ -1,27 +1,25 @@
 //! State in a SQLite file: write-ahead log, synced at every commit, locked for one process.
 
-use super::{StateStore, StoreError};
+use super::sql::{self, Answer, Queries, Row, Statement, Value};
+use super::{Commit, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{
-    Change, Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Renewal, Snapshot, WorkerRecord,
-};
+use crate::scheduler::record::{Change, JobRecord, Snapshot};
 use async_trait::async_trait;
+use futures_util::FutureExt;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
-use photonfarm_proto::job::{Attempt, JobState};
-use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::token::Usage;
-use rusqlite::{Connection, ErrorCode, OptionalExtension, Row, Transaction, params};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use rusqlite::types::{ToSqlOutput, ValueRef};
+use rusqlite::{Connection, ErrorCode, ToSql, Transaction, TransactionBehavior, params_from_iter};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// "PHFM": marks the file as ours.
 const APPLICATION_ID: i32 = 0x5048_464d;
+
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4];
 
 pub(super) const SCHEMA_1: &str = "
 CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
@@ -69,6 +67,33 @@ UPDATE lease SET record = json_object(
     'attempt', attempt, 'granted_ms', granted_ms, 'expected_ms', expected_ms);
 ";
 
+/// Columns as every SQL database can have them: what changes of a record on its own is a column of its own.
+const SCHEMA_4: &str = "
+ALTER TABLE worker DROP COLUMN name;
+ALTER TABLE worker DROP COLUMN threads;
+ALTER TABLE worker DROP COLUMN renderer;
+ALTER TABLE worker ADD COLUMN standing TEXT;
+UPDATE worker SET standing = json_extract(record, '$.standing');
+ALTER TABLE lease DROP COLUMN level;
+ALTER TABLE lease DROP COLUMN place;
+ALTER TABLE lease DROP COLUMN worker;
+ALTER TABLE lease DROP COLUMN attempt;
+ALTER TABLE lease DROP COLUMN granted_ms;
+ALTER TABLE lease DROP COLUMN expected_ms;
+ALTER TABLE lease ADD COLUMN until_ms INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE lease ADD COLUMN restarts INTEGER NOT NULL DEFAULT 0;
+UPDATE lease SET until_ms = coalesce(json_extract(record, '$.until_ms'), 0),
+    restarts = coalesce(json_extract(record, '$.restarts'), 0);
+ALTER TABLE failure RENAME TO old_failure;
+DROP INDEX failure_of_job;
+CREATE TABLE failure (
+    number INTEGER PRIMARY KEY, job INTEGER NOT NULL REFERENCES job, leaf INTEGER NOT NULL, attempt TEXT NOT NULL)
+    STRICT;
+CREATE INDEX failure_of_job ON failure (job);
+INSERT INTO failure (job, leaf, attempt) SELECT job, leaf, attempt FROM old_failure ORDER BY rowid;
+DROP TABLE old_failure;
+";
+
 /// The state of a farm in one file.
 #[derive(Clone)]
 pub struct SqliteStore {
@@ -83,7 +108,7 @@ impl SqliteStore {
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => StoreError::InUse(path.to_owned()),
             Some(ErrorCode::NotADatabase) => foreign(path, "not a database".into()),
             Some(ErrorCode::DatabaseCorrupt) => foreign(path, format!("the database is damaged: {error}")),
-            _ => StoreError::Database(error),
+            _ => StoreError::Sqlite(error),
         };
         let mut connection = Connection::open(path).map_err(opened)?;
         connection.busy_timeout(Duration::ZERO)?;
@@ -94,7 +119,7 @@ impl SqliteStore {
         connection.pragma_update(None, "synchronous", "FULL").map_err(opened)?;
         connection.pragma_update(None, "foreign_keys", true).map_err(opened)?;
         let transaction = connection
-            .transaction_with_behavior(rusqlite::TransactionBehavior::Exclusive)
+            .transaction_with_behavior(TransactionBehavior::Exclusive)
             .map_err(opened)?;
         prepare_schema(&transaction, path)?;
         transaction.commit().map_err(opened)?;
@@ -116,11 +141,88 @@ impl SqliteStore {
             .await
             .map_err(|_| StoreError::Stopped)?
     }
+
+    /// Answers by queries that never wait.
+    async fn ask<T: Send + 'static>(
+        &self,
+        question: impl for<'a> FnOnce(&'a mut dyn Queries) -> Answer<'a, T> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        self.with(move |connection| at_once(question(&mut Ready(connection))))
+            .await
+    }
+
+    /// Changes rows in one transaction, which is undone unless the answer says otherwise.
+    async fn change<T: Send + 'static>(
+        &self,
+        question: impl for<'a> FnOnce(&'a mut dyn Queries) -> Answer<'a, (T, bool)> + Send + 'static,
+    ) -> Result<T, StoreError> {
+        self.with(move |connection| {
+            connection.execute_batch("BEGIN IMMEDIATE")?;
+            let answer = at_once(question(&mut Ready(connection)));
+            let kept = matches!(answer, Ok((_, true))).then(|| connection.execute_batch("COMMIT"));
+            if !matches!(kept, Some(Ok(()))) && !connection.is_autocommit() {
+                connection.execute_batch("ROLLBACK")?;
+            }
+            kept.transpose()?;
+            Ok(answer?.0)
+        })
+        .await
+    }
+}
+
+fn at_once<T>(answer: Answer<'_, T>) -> Result<T, StoreError> {
+    answer.now_or_never().unwrap_or(Err(StoreError::Stopped))
+}
+
+/// A connection whose answers are ready at once.
+struct Ready<'a>(&'a mut Connection);
+
+#[async_trait]
+impl Queries for Ready<'_> {
+    async fn query(&mut self, Statement { sql, values, .. }: Statement) -> Result<Vec<Row>, StoreError> {
+        let mut statement = self.0.prepare_cached(sql)?;
+        let columns = statement.column_count();
+        let mut rows = statement.query(params_from_iter(&values))?;
+        let mut found = Vec::new();
+        while let Some(row) = rows.next()? {
+            let values = (0..columns).map(|column| value(row.get_ref(column)?));
+            found.push(Row::new(values.collect::<Result<_, StoreError>>()?));
+        }
+        Ok(found)
+    }
+
+    async fn execute(&mut self, Statement { sql, values, .. }: Statement) -> Result<u64, StoreError> {
+        Ok(self.0.prepare_cached(sql)?.execute(params_from_iter(&values))? as u64)
+    }
+}
+
+fn value(value: ValueRef) -> Result<Value, StoreError> {
+    Ok(match value {
+        ValueRef::Null => Value::Null,
+        ValueRef::Integer(value) => Value::Integer(value),
+        ValueRef::Real(value) => return Err(StoreError::Damaged(format!("{value} is no whole number"))),
+        ValueRef::Text(bytes) => {
+            let text = std::str::from_utf8(bytes).map_err(|error| StoreError::Damaged(error.to_string()))?;
+            Value::Text(text.to_owned())
+        }
+        ValueRef::Blob(bytes) => Value::Bytes(bytes.to_vec()),
+    })
+}
+
+impl ToSql for Value {
+    fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
+        Ok(ToSqlOutput::Borrowed(match self {
+            Self::Null => ValueRef::Null,
+            Self::Integer(value) => ValueRef::Integer(*value),
+            Self::Text(text) => ValueRef::Text(text.as_bytes()),
+            Self::Bytes(bytes) => ValueRef::Blob(bytes),
+        }))
+    }
 }
 
 fn foreign(path: &Path, reason: String) -> StoreError {
     StoreError::Foreign {
-        path: path.to_owned(),
+        place: path.display().to_string(),
         reason,
     }
 }
@@ -150,326 +252,20 @@ fn prepare_schema(transaction: &Transaction, path: &Path) -> Result<(), StoreErr
     Ok(())
 }
 
-fn to_json<T: Serialize>(value: &T) -> Result<String, StoreError> {
-    serde_json::to_string(value).map_err(|error| StoreError::Damaged(error.to_string()))
-}
-
-fn from_json<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
-    serde_json::from_str(text).map_err(|error| StoreError::Damaged(error.to_string()))
-}
-
-/// SQLite has signed integers only; ours stay far below the sign bit.
-fn signed(value: u64) -> Result<i64, StoreError> {
-    i64::try_from(value).map_err(|_| StoreError::Damaged(format!("{value} does not fit")))
-}
-
-fn unsigned(value: i64) -> Result<u64, StoreError> {
-    u64::try_from(value).map_err(|_| StoreError::Damaged(format!("{value} is negative")))
-}
-
-fn raise_counter(transaction: &Transaction, name: &str, value: u64) -> Result<(), StoreError> {
-    transaction
-        .prepare_cached(
-            "INSERT INTO counter VALUES (?1, ?2) ON CONFLICT (name) DO UPDATE SET value = max(value, excluded.value)",
-        )?
-        .execute(params![name, signed(value)?])?;
-    Ok(())
-}
-
-fn apply(transaction: &Transaction, change: &Change) -> Result<(), StoreError> {
-    let run = |sql: &str, values: &[&dyn rusqlite::ToSql]| -> Result<(), StoreError> {
-        transaction.prepare_cached(sql)?.execute(values)?;
-        Ok(())
-    };
-    match change {
-        Change::WorkerRegistered(record) => {
-            raise_counter(transaction, "worker", record.id.0)?;
-            run(
-                "INSERT OR REPLACE INTO worker VALUES (?1, ?2, ?3, ?4, ?5)",
-                params![
-                    signed(record.id.0)?,
-                    record.name,
-                    record.threads,
-                    record.renderer,
-                    to_json(record)?
-                ],
-            )
-        }
-        Change::WorkerJudged { worker, standing } => run(
-            "UPDATE worker SET record = json_set(record, '$.standing', json(?2)) WHERE id = ?1",
-            params![signed(worker.0)?, to_json(standing)?],
-        ),
-        Change::WorkerForgotten(worker) => run("DELETE FROM worker WHERE id = ?1", params![signed(worker.0)?]),
-        Change::JobSubmitted(JobHead {
-            id,
-            spec,
-            owner,
-            key,
-            created_ms,
-        }) => {
-            raise_counter(transaction, "job", id.0)?;
-            run(
-                "INSERT INTO job (id, spec, key, created_ms, state, totals, owner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
-                params![
-                    signed(id.0)?,
-                    to_json(spec)?,
-                    key,
-                    signed(*created_ms)?,
-                    to_json(&JobState::Queued)?,
-                    to_json(&photonfarm_proto::job::Totals::default())?,
-                    owner
-                ],
-            )
-        }
-        Change::JobChanged { job, control } => run(
-            "UPDATE job SET control = ?2 WHERE id = ?1",
-            params![signed(job.0)?, to_json(control)?],
-        ),
-        Change::JobReopened { record, ended_ms } => reopen_job(transaction, record, *ended_ms),
-        Change::LeaseGranted(lease) => grant_lease(transaction, lease),
-        Change::LeaseEnded { token, .. } => run("DELETE FROM lease WHERE token = ?1", params![signed(token.0)?]),
-        Change::LeasesRenewed(renewals) => renewals
-            .iter()
-            .try_for_each(|renewal| renew_lease(transaction, renewal)),
-        Change::NodeAdded {
-            job,
-            node,
-            record,
-            resolution,
-        } => {
-            write_node(transaction, *job, *node, record)?;
-            let [width, height] = resolution;
-            run(
-                "UPDATE job SET width = ?2, height = ?3 WHERE id = ?1",
-                params![signed(job.0)?, width, height],
-            )
-        }
-        Change::NodeJudged { job, node, record } => write_node(transaction, *job, *node, record),
-        Change::NodeMerged { job, node } => run(
-            "UPDATE node SET live = 0, record = json_set(record, '$.live', json('false'), '$.totals', NULL) \
-             WHERE job = ?1 AND level = ?2 AND place = ?3",
-            params![signed(job.0)?, node.level, node.index],
-        ),
-        Change::NodeLost { job, node, .. } => run(
-            "DELETE FROM node WHERE job = ?1 AND level <= ?2 AND place >> (?2 - level) = ?3",
-            params![signed(job.0)?, node.level, node.index],
-        ),
-        Change::LeafFailed { job, leaf, attempt } => run(
-            "INSERT INTO failure VALUES (?1, ?2, ?3)",
-            params![signed(job.0)?, leaf, to_json(attempt)?],
-        ),
-        Change::JobEnded {
-            job,
-            state,
-            failure,
-            ended_ms,
-        } => {
-            run("DELETE FROM lease WHERE job = ?1", params![signed(job.0)?])?;
-            run(
-                "UPDATE job SET state = ?2, failure = ?3, ended_ms = ?4 WHERE id = ?1",
-                params![signed(job.0)?, to_json(state)?, failure, signed(*ended_ms)?],
-            )
-        }
-    }
-}
-
-fn grant_lease(transaction: &Transaction, lease: &LeaseRecord) -> Result<(), StoreError> {
-    raise_counter(transaction, "token", lease.token.0)?;
-    let job = signed(lease.job.0)?;
-    transaction
-        .prepare_cached("INSERT OR REPLACE INTO lease VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)")?
-        .execute(params![
-            signed(lease.token.0)?,
-            job,
-            lease.node.level,
-            lease.node.index,
-            signed(lease.worker.0)?,
-            lease.attempt,
-            signed(lease.granted_ms)?,
-            lease.expected_ms.map(signed).transpose()?,
-            to_json(lease)?,
-        ])?;
-    raise_counter(transaction, "share", lease.share[0])?;
-    transaction
-        .prepare_cached("UPDATE job SET state = ?2, share_ms = ?3 WHERE id = ?1")?
-        .execute(params![job, to_json(&JobState::Running)?, signed(lease.share[1])?])?;
-    Ok(())
-}
-
-fn renew_lease(transaction: &Transaction, renewal: &Renewal) -> Result<(), StoreError> {
-    transaction
-        .prepare_cached(
-            "UPDATE lease SET record = json_set(record, '$.until_ms', ?2, '$.restarts', ?3) WHERE token = ?1",
-        )?
-        .execute(params![
-            signed(renewal.token.0)?,
-            signed(renewal.until_ms)?,
-            renewal.restarts
-        ])?;
-    Ok(())
-}
-
-fn write_node(transaction: &Transaction, job: JobId, node: NodeKey, record: &NodeRecord) -> Result<(), StoreError> {
-    transaction
-        .prepare_cached("INSERT OR REPLACE INTO node VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?
-        .execute(params![
-            signed(job.0)?,
-            node.level,
-            node.index,
-            record.digest.0,
-            record.live,
-            to_json(record)?
-        ])?;
-    Ok(())
-}
-
-/// A job that had ended goes on; what it consists of is in its rows already.
-fn reopen_job(transaction: &Transaction, record: &JobRecord, ended_ms: u64) -> Result<(), StoreError> {
-    let reopened = transaction
-        .prepare_cached(
-            "UPDATE job SET state = ?3, failure = NULL, ended_ms = NULL, control = ?4 WHERE id = ?1 AND ended_ms = ?2",
-        )?
-        .execute(params![
-            signed(record.head.id.0)?,
-            signed(ended_ms)?,
-            to_json(&record.state)?,
-            to_json(&record.control)?
-        ])?;
-    if reopened != 1 {
-        return Err(StoreError::Damaged(format!(
-            "job {} ended anew meanwhile",
-            record.head.id
-        )));
-    }
-    Ok(())
-}
-
-fn rows<T>(
-    connection: &Connection,
-    sql: &str,
-    values: &[&dyn rusqlite::ToSql],
-    read: impl Fn(&Row) -> Result<T, StoreError>,
-) -> Result<Vec<T>, StoreError> {
-    let mut statement = connection.prepare_cached(sql)?;
-    let mut rows = statement.query(values)?;
-    let mut found = Vec::new();
-    while let Some(row) = rows.next()? {
-        found.push(read(row)?);
-    }
-    Ok(found)
-}
-
-fn hash_at(row: &Row, column: usize) -> Result<BlobHash, StoreError> {
-    Ok(BlobHash(row.get(column)?))
-}
-
-const JOB_COLUMNS: &str = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner, \
-                           control, share_ms FROM job";
-
-fn read_job(connection: &Connection, row: &Row) -> Result<JobRecord, StoreError> {
-    let number: i64 = row.get(0)?;
-    let id = JobId(unsigned(number)?);
-    let size: (Option<u32>, Option<u32>) = (row.get(7)?, row.get(8)?);
-    let failure = |row: &Row| Ok((row.get(0)?, from_json::<Attempt>(&row.get::<_, String>(1)?)?));
-    let spec = from_json(&row.get::<_, String>(1)?)?;
-    let control = row.get::<_, Option<String>>(11)?.map(|text| from_json(&text));
-    Ok(JobRecord {
-        control: control.transpose()?.unwrap_or_else(|| JobControl::of(&spec)),
-        share_ms: unsigned(row.get(12)?)?,
-        head: JobHead {
-            id,
-            spec,
-            owner: row.get(10)?,
-            key: row.get(2)?,
-            created_ms: unsigned(row.get(3)?)?,
-        },
-        state: from_json(&row.get::<_, String>(4)?)?,
-        failure: row.get(5)?,
-        ended_ms: row.get::<_, Option<i64>>(6)?.map(unsigned).transpose()?,
-        resolution: size.0.zip(size.1).map(|(width, height)| [width, height]),
-        totals: from_json(&row.get::<_, String>(9)?)?,
-        nodes: rows(
-            connection,
-            "SELECT level, place, record FROM node WHERE job = ?1",
-            params![number],
-            read_node,
-        )?,
-        leases: rows(
-            connection,
-            "SELECT record FROM lease WHERE job = ?1 ORDER BY token",
-            params![number],
-            read_lease,
-        )?,
-        failures: rows(
-            connection,
-            "SELECT leaf, attempt FROM failure WHERE job = ?1 ORDER BY rowid",
-            params![number],
-            failure,
-        )?,
-    })
-}
-
-fn read_node(row: &Row) -> Result<(NodeKey, NodeRecord), StoreError> {
-    let key = NodeKey {
-        level: row.get(0)?,
-        index: row.get(1)?,
-    };
-    Ok((key, from_json(&row.get::<_, String>(2)?)?))
-}
-
-fn read_lease(row: &Row) -> Result<LeaseRecord, StoreError> {
-    from_json(&row.get::<_, String>(0)?)
-}
-
-fn read_jobs(
-    connection: &Connection,
-    condition: &str,
-    values: &[&dyn rusqlite::ToSql],
-) -> Result<Vec<JobRecord>, StoreError> {
-    rows(connection, &format!("{JOB_COLUMNS} {condition}"), values, |row| {
-        read_job(connection, row)
-    })
-}
-
-fn read_counter(connection: &Connection, name: &str) -> Result<u64, StoreError> {
-    let query = "SELECT value FROM counter WHERE name = ?1";
-    let value = connection.query_row(query, [name], |row| row.get(0)).optional()?;
-    unsigned(value.unwrap_or(0))
-}
-
-fn owned_bytes(connection: &Connection, owner: &str) -> Result<u64, StoreError> {
-    let query = "SELECT coalesce(sum(bytes), 0) FROM owned_blob WHERE owner = ?1";
-    unsigned(connection.query_row(query, [owner], |row| row.get(0))?)
-}
-
-fn read_worker(row: &Row) -> Result<WorkerRecord, StoreError> {
-    from_json(&row.get::<_, String>(0)?)
-}
-
 #[async_trait]
 impl StateStore for SqliteStore {
-    async fn load(&self) -> Result<Snapshot, StoreError> {
-        self.with(|connection| {
-            let counter = |name| read_counter(connection, name);
-            Ok(Snapshot {
-                counters: Counters {
-                    job: counter("job")?,
-                    worker: counter("worker")?,
-                    token: counter("token")?,
-                    share: counter("share")?,
-                },
-                workers: rows(connection, "SELECT record FROM worker ORDER BY id", &[], read_worker)?,
-                jobs: read_jobs(connection, "WHERE ended_ms IS NULL ORDER BY id", &[])?,
-            })
-        })
-        .await
+    async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
+        Ok((0, self.ask(|queries| Box::pin(sql::load(queries))).await?))
     }
 
-    async fn commit(&self, changes: Vec<Change>) -> Result<(), StoreError> {
-        self.with(move |connection| {
-            let transaction = connection.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
-            changes.iter().try_for_each(|change| apply(&transaction, change))?;
-            Ok(transaction.commit()?)
+    async fn commit(&self, _expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError> {
+        self.change(move |queries| {
+            Box::pin(async move {
+                for change in &changes {
+                    sql::apply(queries, change).await?;
+                }
+                Ok((Commit::Kept(0), true))
+            })
         })
         .await
     }
@@ -483,26 +279,16 @@ impl StateStore for SqliteStore {
     }
 
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {
-        let Ok(id) = signed(id.0) else { return Ok(None) };
-        self.with(move |connection| Ok(read_jobs(connection, "WHERE id = ?1", params![id])?.pop()))
-            .await
+        self.ask(move |queries| Box::pin(sql::job(queries, id))).await
     }
 
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
-        let before = before.map_or(i64::MAX, |id| i64::try_from(id.0).unwrap_or(i64::MAX));
-        self.with(move |connection| {
-            read_jobs(
-                connection,
-                "WHERE id < ?1 ORDER BY id DESC LIMIT ?2",
-                params![before, limit],
-            )
-        })
-        .await
+        self.ask(move |queries| Box::pin(sql::jobs(queries, before, limit)))
+            .await
     }
 
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {
-        self.with(move |connection| Ok(read_jobs(connection, "WHERE key = ?1", params![key])?.pop()))
-            .await
+        self.ask(move |queries| Box::pin(sql::job_by_key(queries, key))).await
     }
 
     async fn put_bundle(
@@ -512,97 +298,43 @@ impl StateStore for SqliteStore {
         owner: String,
         most: u64,
     ) -> Result<u64, StoreError> {
-        self.with(move |connection| {
-            let transaction = connection.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
-            transaction
-                .prepare_cached("INSERT OR IGNORE INTO bundle VALUES (?1, ?2)")?
-                .execute(params![hash.0, to_json(&manifest)?])?;
-            for (blob, bytes) in manifest.blobs() {
-                transaction
-                    .prepare_cached("INSERT OR IGNORE INTO bundle_blob VALUES (?1, ?2)")?
-                    .execute(params![blob.0, signed(bytes)?])?;
-                transaction
-                    .prepare_cached(
-                        "INSERT INTO owned_blob VALUES (?1, ?2, ?3) ON CONFLICT DO UPDATE SET bytes = max(bytes, excluded.bytes)",
-                    )?
-                    .execute(params![owner, blob.0, signed(bytes)?])?;
-            }
-            let used = owned_bytes(&transaction, &owner)?;
-            if used <= most {
-                transaction.commit()?;
-            }
-            Ok(used)
+        self.change(move |queries| {
+            Box::pin(async move { sql::put_bundle(queries, hash, &manifest, owner, most).await })
         })
         .await
     }
 
     async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
-        self.with(move |connection| {
-            let query = "SELECT count(*) FILTER (WHERE ended_ms IS NULL), \
-                         coalesce(sum(json_extract(coalesce(control, spec), '$.iterations')), 0) FROM job WHERE owner = ?1";
-            let (jobs, iterations) = connection.query_row(query, [&owner], |row| Ok((row.get(0)?, row.get(1)?)))?;
-            Ok(Usage {
-                jobs: unsigned(jobs)?,
-                bundle_bytes: owned_bytes(connection, &owner)?,
-                iterations: unsigned(iterations)?,
-            })
-        })
-        .await
+        let jobs = "SELECT count(*) FILTER (WHERE ended_ms IS NULL),
+            coalesce(sum(json_extract(coalesce(control, spec), '$.iterations')), 0) FROM job WHERE owner = ?1";
+        self.ask(move |queries| Box::pin(sql::usage(queries, jobs, owner)))
+            .await
     }
 
     async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
-        self.with(move |connection| {
-            let new = connection
-                .prepare_cached("INSERT OR IGNORE INTO token VALUES (?1, ?2)")?
-                .execute(params![token.name, to_json(&token)?])?;
-            Ok(new == 1)
-        })
-        .await
+        self.ask(move |queries| Box::pin(async move { sql::put_token(queries, &token).await }))
+            .await
     }
 
     async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
-        self.with(|connection| {
-            rows(connection, "SELECT record FROM token ORDER BY name", &[], |row| {
-                from_json(&row.get::<_, String>(0)?)
-            })
-        })
-        .await
+        self.ask(|queries| Box::pin(sql::tokens(queries))).await
     }
 
     async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
-        self.with(move |connection| {
-            let gone = connection
-                .prepare_cached("DELETE FROM token WHERE name = ?1")?
-                .execute([name])?;
-            Ok(gone == 1)
-        })
-        .await
+        self.ask(move |queries| Box::pin(sql::remove_token(queries, name)))
+            .await
     }
 
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
-        self.with(move |connection| {
-            let query = "SELECT manifest FROM bundle WHERE hash = ?1";
-            let text: Option<String> = connection.query_row(query, [hash.0], |row| row.get(0)).optional()?;
-            text.map(|text| from_json(&text)).transpose()
-        })
-        .await
+        self.ask(move |queries| Box::pin(sql::bundle(queries, hash))).await
     }
 
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
-        self.with(move |connection| {
-            let query = "SELECT max(bytes) FROM bundle_blob WHERE blob = ?1";
-            let bytes: Option<i64> = connection.query_row(query, [blob.0], |row| row.get(0))?;
-            bytes.map(unsigned).transpose()
-        })
-        .await
+        self.ask(move |queries| Box::pin(sql::bundled_size(queries, blob)))
+            .await
     }
 
     async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError> {
-        self.with(|connection| {
-            rows(connection, "SELECT digest FROM node WHERE live = 1", &[], |row| {
-                hash_at(row, 0)
-            })
-        })
-        .await
+        self.ask(|queries| Box::pin(sql::live_digests(queries))).await
     }
 }

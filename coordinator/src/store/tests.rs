@@ -66,6 +66,7 @@ fn added(node: NodeKey) -> Change {
         record: NodeRecord {
             worker: Some(WorkerId(1)),
             totals: Some(totals),
+            unread: true,
             ..NodeRecord::new(digest)
         },
         resolution: [3, 2],
@@ -217,6 +218,7 @@ const FIRST_VERSION: &str = "
 INSERT INTO worker VALUES (1, 'w', 2, '0.1.0');
 INSERT INTO node VALUES (1, 1, 0, zeroblob(32), 1), (1, 0, 1, zeroblob(32), 0);
 INSERT INTO lease VALUES (7, 1, 1, 1, 1, 2, 5, NULL);
+INSERT INTO failure VALUES (1, 3, '{\"worker\": 1, \"kind\": \"lost\", \"message\": \"away\"}');
 PRAGMA application_id = 0x5048464d; PRAGMA user_version = 1;
 ";
 
@@ -234,9 +236,16 @@ async fn a_farm_of_the_first_version_goes_on() {
     old.execute(insert, [spec_text.unwrap(), totals.unwrap()]).unwrap();
     old.execute_batch(FIRST_VERSION).unwrap();
     drop(old);
-    let snapshot = SqliteStore::open(&path).unwrap().load().await.unwrap();
+    let store = SqliteStore::open(&path).unwrap();
+    assert_eq!(store.tokens().await.unwrap(), []);
+    let (_, snapshot) = store.load().await.unwrap();
+    drop(store);
     let job = &snapshot.jobs[0];
-    assert_eq!(job.control, JobControl::of(&spec()));
+    assert_eq!(
+        (job.control.clone(), job.head.owner.as_str()),
+        (JobControl::of(&spec()), "")
+    );
+    assert_eq!((job.failures[0].0, job.failures[0].1.message.as_str()), (3, "away"));
     let node = |live| NodeRecord {
         live,
         ..NodeRecord::new(BlobHash([0; 32]))
@@ -266,11 +275,11 @@ async fn the_database_keeps_what_it_commits() {
     let model = MemoryStore::default();
     for changes in history() {
         let store = open_sqlite(folder.path()).await;
-        store.commit(changes.clone()).await.unwrap();
-        model.commit(changes).await.unwrap();
+        store.commit(0, changes.clone()).await.unwrap();
+        model.commit(0, changes).await.unwrap();
         drop(store);
         let store = open_sqlite(folder.path()).await;
-        assert_eq!(store.load().await.unwrap(), model.load().await.unwrap());
+        assert_eq!(store.load().await.unwrap().1, model.load().await.unwrap().1);
         for id in 1..=4 {
             assert_eq!(store.job(JobId(id)).await.unwrap(), model.job(JobId(id)).await.unwrap());
         }
@@ -280,7 +289,7 @@ async fn the_database_keeps_what_it_commits() {
     }
     let store = open_sqlite(folder.path()).await;
     assert_eq!(
-        store.load().await.unwrap().counters,
+        store.load().await.unwrap().1.counters,
         Counters {
             job: 3,
             worker: 2,
@@ -301,16 +310,16 @@ async fn a_commit_is_whole_or_not_at_all() {
     let folder = tempfile::tempdir().unwrap();
     let store = open_sqlite(folder.path()).await;
     store
-        .commit(vec![Change::JobSubmitted(head(1, Some("key")))])
+        .commit(0, vec![Change::JobSubmitted(head(1, Some("key")))])
         .await
         .unwrap();
-    let before = store.load().await.unwrap();
+    let before = store.load().await.unwrap().1;
     let changes = vec![
         Change::LeaseGranted(lease(1)),
         Change::JobSubmitted(head(2, Some("key"))),
     ];
-    assert!(store.commit(changes).await.is_err());
-    assert_eq!(store.load().await.unwrap(), before);
+    assert!(store.commit(0, changes).await.is_err());
+    assert_eq!(store.load().await.unwrap().1, before);
 }
 
 #[tokio::test]
@@ -381,7 +390,7 @@ async fn use_is_counted_by_owner() {
     ];
     for store in stores {
         for changes in history() {
-            store.commit(changes).await.unwrap();
+            store.commit(0, changes).await.unwrap();
         }
         let manifest = |files: &[(&str, u64)]| BundleManifest {
             files: files
@@ -418,34 +427,13 @@ async fn use_is_counted_by_owner() {
     }
 }
 
-/// A farm of the first version goes on: its jobs have no owner, and there are no tokens.
-#[tokio::test]
-async fn a_database_of_the_first_version_is_brought_up_to_date() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("farm.sqlite");
-    let old = rusqlite::Connection::open(&path).unwrap();
-    old.execute_batch(super::sqlite::SCHEMA_1).unwrap();
-    let spec = serde_json::to_string(&spec()).unwrap();
-    let totals = serde_json::to_string(&Totals::default()).unwrap();
-    let insert = "INSERT INTO job (id, spec, created_ms, state, totals) VALUES (1, ?1, 5, '\"queued\"', ?2)";
-    old.execute(insert, [spec, totals]).unwrap();
-    old.execute_batch("PRAGMA application_id = 0x5048464d; PRAGMA user_version = 1;")
-        .unwrap();
-    drop(old);
-    let store = SqliteStore::open(&path).unwrap();
-    assert_eq!(store.job(JobId(1)).await.unwrap().unwrap().head.owner, "");
-    assert_eq!(store.tokens().await.unwrap(), []);
-    drop(store);
-    SqliteStore::open(&path).unwrap();
-}
-
 #[tokio::test]
 async fn a_database_has_one_user() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("farm.sqlite");
     let first = SqliteStore::open(&path).unwrap();
     assert!(matches!(SqliteStore::open(&path), Err(StoreError::InUse(_))));
-    first.commit(history().remove(0)).await.unwrap();
+    first.commit(0, history().remove(0)).await.unwrap();
     assert!(matches!(SqliteStore::open(&path), Err(StoreError::InUse(_))));
     drop(first);
     SqliteStore::open(&path).unwrap();
@@ -478,7 +466,7 @@ async fn a_damaged_database_is_refused() {
     let path = folder.path().join("farm.sqlite");
     let store = SqliteStore::open(&path).unwrap();
     for changes in history() {
-        store.commit(changes).await.unwrap();
+        store.commit(0, changes).await.unwrap();
     }
     drop(store);
     let mut bytes = std::fs::read(&path).unwrap();
@@ -491,9 +479,9 @@ async fn a_damaged_database_is_refused() {
 #[tokio::test]
 async fn blobs_are_there_whole_or_not_at_all() {
     let folder = tempfile::tempdir().unwrap();
-    let store = FolderStore::open(folder.path()).unwrap();
+    let store = FolderStore::open(folder.path(), false).unwrap();
     let hash = BlobHash::of(b"light");
-    assert!(matches!(store.read(hash).await, Err(StoreError::NoBlob(_))));
+    assert!(matches!(store.read(hash, 5).await, Err(StoreError::NoBlob(_))));
     assert!(matches!(store.open(hash).await, Err(StoreError::NoBlob(_))));
 
     let mut staged = store.stage().await.unwrap();
@@ -501,7 +489,7 @@ async fn blobs_are_there_whole_or_not_at_all() {
     assert!(!store.contains(hash).await.unwrap());
     staged.write(b"ght").await.unwrap();
     staged.publish(hash).await.unwrap();
-    assert_eq!(store.read(hash).await.unwrap(), b"light");
+    assert_eq!(store.read(hash, 5).await.unwrap(), b"light");
 
     let mut wrong = store.stage().await.unwrap();
     wrong.write(b"lignt").await.unwrap();
@@ -510,8 +498,8 @@ async fn blobs_are_there_whole_or_not_at_all() {
     assert_eq!(std::fs::read_dir(folder.path().join("staging")).unwrap().count(), 0);
 
     assert_eq!(put(&store, b"light").await.unwrap(), hash);
-    let store = FolderStore::open(folder.path()).unwrap();
-    assert_eq!(store.list().await.unwrap(), [hash]);
+    let store = FolderStore::open(folder.path(), false).unwrap();
+    assert_eq!(store.list().await.unwrap()[0].0, hash);
     let (bytes, mut reader) = store.open(hash).await.unwrap();
     let mut read = Vec::new();
     reader.read_to_end(&mut read).await.unwrap();
@@ -524,11 +512,11 @@ async fn blobs_are_there_whole_or_not_at_all() {
 #[tokio::test]
 async fn half_written_blobs_are_gone_after_a_restart() {
     let folder = tempfile::tempdir().unwrap();
-    let store = FolderStore::open(folder.path()).unwrap();
+    let store = FolderStore::open(folder.path(), false).unwrap();
     let mut staged = store.stage().await.unwrap();
     staged.write(b"half").await.unwrap();
     std::mem::forget(staged);
-    let store = FolderStore::open(folder.path()).unwrap();
+    let store = FolderStore::open(folder.path(), false).unwrap();
     assert_eq!(std::fs::read_dir(folder.path().join("staging")).unwrap().count(), 0);
     assert_eq!(store.list().await.unwrap(), []);
 }
@@ -536,9 +524,9 @@ async fn half_written_blobs_are_gone_after_a_restart() {
 #[tokio::test]
 async fn damaged_blobs_are_noticed() {
     let folder = tempfile::tempdir().unwrap();
-    let store = FolderStore::open(folder.path()).unwrap();
+    let store = FolderStore::open(folder.path(), false).unwrap();
     let hash = put(&store, b"light").await.unwrap();
     let digits = hash.to_string();
     std::fs::write(folder.path().join(&digits[..2]).join(&digits[2..]), b"lighs").unwrap();
-    assert!(matches!(store.read(hash).await, Err(StoreError::Damaged(_))));
+    assert!(matches!(store.read(hash, 5).await, Err(StoreError::Damaged(_))));
 }

@@ -45,6 +45,7 @@ fn delivery(lease: &LeaseRecord, node: NodeKey) -> Delivery {
         node,
         resolution: [4, 4],
         digest: digest(lease.job, node),
+        unread: false,
         totals: Totals {
             seconds,
             ..Totals::default()

@@ -295,3 +295,54 @@ fn leases_survive_a_restart_with_time_to_reconnect() {
         token: lease.token
     }));
 }
+
+#[test]
+fn a_lost_parent_is_made_of_its_children_again() {
+    let mut farm = farm_with(2, 1);
+    for _ in 0..2 {
+        let lease = grant(&mut farm, 1, &[], 0).unwrap();
+        deliver(&mut farm, &delivery(&lease, lease.node), 1).unwrap();
+    }
+    let (job, parent) = (JobId(1), NodeKey { level: 1, index: 0 });
+    let merge = |farm: &Farm| farm.merge(job, parent, digest(job, parent));
+    assert!(commit(&mut farm, 2, merge));
+    assert!(commit(&mut farm, 3, |farm| farm.lose(job, parent, "it is gone", 3)));
+    assert!(!commit(&mut farm, 3, |farm| farm.lose(job, parent, "it is gone", 3)));
+    assert_eq!(farm.job(job).unwrap().failures.len(), 0, "nobody is to blame");
+    for _ in 0..2 {
+        let lease = grant(&mut farm, 1, &[], 4).unwrap();
+        let counted = deliver(&mut farm, &delivery(&lease, lease.node), 5);
+        assert_eq!(counted, Ok(Delivered::Counted));
+    }
+    assert!(commit(&mut farm, 6, merge));
+    commit(&mut farm, 7, |farm| farm.settle(job, 7));
+    assert!(farm.job(job).is_none(), "the job has ended");
+}
+
+#[test]
+fn a_job_ends_only_when_every_image_was_read_and_a_false_one_is_its_workers_failure() {
+    let mut farm = farm_with(1, 1);
+    let job = JobId(1);
+    let stored = |lease: &LeaseRecord| Delivery {
+        unread: true,
+        ..delivery(lease, lease.node)
+    };
+    let lease = grant(&mut farm, 1, &[], 0).unwrap();
+    deliver(&mut farm, &stored(&lease), 1).unwrap();
+    assert_eq!(farm.settle(job, 2).changes, []);
+    let (unread, _) = farm.job(job).unwrap().next_unread().unwrap();
+    commit(&mut farm, 2, |farm| farm.lose(job, unread, "its image is missing", 2));
+    let attempts = &farm.job(job).unwrap().failures[&0];
+    assert_eq!(
+        (attempts[0].worker, attempts[0].kind),
+        (WorkerId(1), FailureKind::Render)
+    );
+
+    let lease = grant(&mut farm, 1, &[], 3).unwrap();
+    assert_eq!(lease.attempt, 2);
+    deliver(&mut farm, &stored(&lease), 4).unwrap();
+    commit(&mut farm, 5, |farm| farm.check(job, lease.node));
+    assert_eq!(farm.job(job).unwrap().next_unread(), None);
+    commit(&mut farm, 6, |farm| farm.settle(job, 6));
+    assert!(farm.job(job).is_none(), "the job has ended");
+}

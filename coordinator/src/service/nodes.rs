@@ -1,0 +1,63 @@
+//! Images of nodes as they are read: one that is not what it should be is given up.
+
+use super::{Service, ServiceError};
+use crate::store::StoreError;
+use photonfarm_core::film::Node;
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::node::{self, NodeHeader, NodeKey};
+use std::sync::Arc;
+
+impl Service {
+    /// Reads the image of a node of the size that its job has. If it is missing, damaged or another's, its leaves go
+    /// back to the pool, and nothing is returned.
+    pub(super) async fn node(
+        self: &Arc<Self>,
+        job: JobId,
+        (key, digest): (NodeKey, BlobHash),
+        resolution: Option<[u32; 2]>,
+    ) -> Result<Option<Node>, ServiceError> {
+        let [width, height] = resolution.unwrap_or_default();
+        let header = NodeHeader {
+            job,
+            key,
+            width,
+            height,
+        };
+        match self.read_node(header, digest).await? {
+            Ok(node) => Ok(Some(node)),
+            Err(reason) => {
+                tracing::warn!(%job, node = %key, reason, "the image of a node cannot be used");
+                if self
+                    .transact(move |farm, now| Ok(farm.lose(job, key, &reason, now)))
+                    .await?
+                {
+                    self.stores.nodes.remove(digest).await?;
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    /// Reads the image of a node, which is to have this header; or says why it cannot be used.
+    pub(super) async fn read_node(
+        &self,
+        header: NodeHeader,
+        digest: BlobHash,
+    ) -> Result<Result<Node, String>, ServiceError> {
+        let most = NodeHeader::BYTES as u64 + header.plane_bytes();
+        let bytes = match self.stores.nodes.read(digest, most).await {
+            Ok(bytes) => bytes,
+            Err(error @ (StoreError::NoBlob(_) | StoreError::Damaged(_))) => return Ok(Err(error.to_string())),
+            Err(error) => return Err(error.into()),
+        };
+        let limits = self.limits.clone();
+        let decode = move || match node::decode_node(&bytes, &limits) {
+            Ok((job, node)) if NodeHeader::of(job, &node) == header => Ok(node),
+            Ok(_) => Err("its image is that of another node".to_owned()),
+            Err(error) => Err(error.to_string()),
+        };
+        tokio::task::spawn_blocking(decode)
+            .await
+            .map_err(|_| ServiceError::Stopping)
+    }
+}

@@ -1,0 +1,574 @@
+//! What SQL databases share: statements for changes, and how rows become records. Parameters are `?1`, `?2`, ...
+
+use super::StoreError;
+use crate::access::TokenRecord;
+use crate::scheduler::record::{
+    Change, Counters, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord, Renewal, Snapshot, WorkerRecord,
+};
+use async_trait::async_trait;
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::job::{JobState, Totals};
+use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::token::Usage;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::pin::Pin;
+
+/// A value of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Value {
+    /// Nothing.
+    Null,
+    /// 64 bits with a sign; ours stay far below it.
+    Integer(i64),
+    /// Text, often JSON.
+    Text(String),
+    /// A hash.
+    Bytes(Vec<u8>),
+}
+
+/// A statement with its parameters.
+#[derive(Clone, Debug)]
+pub(super) struct Statement {
+    pub(super) sql: &'static str,
+    pub(super) values: Vec<Value>,
+    /// Rows that it has to change, where another number of them means that something else happened meanwhile.
+    expected: Option<u64>,
+}
+
+impl Statement {
+    fn new<const N: usize>(sql: &'static str, values: [Value; N]) -> Self {
+        Self {
+            sql,
+            values: values.into(),
+            expected: None,
+        }
+    }
+}
+
+fn integer(value: u64) -> Result<Value, StoreError> {
+    i64::try_from(value)
+        .map(Value::Integer)
+        .map_err(|_| StoreError::Damaged(format!("{value} does not fit")))
+}
+
+fn small(value: u32) -> Value {
+    Value::Integer(value.into())
+}
+
+fn flag(value: bool) -> Value {
+    Value::Integer(value.into())
+}
+
+fn text(value: &Option<String>) -> Value {
+    value.clone().map_or(Value::Null, Value::Text)
+}
+
+fn hash(value: BlobHash) -> Value {
+    Value::Bytes(value.0.to_vec())
+}
+
+fn json<T: Serialize>(value: &T) -> Result<Value, StoreError> {
+    to_json(value).map(Value::Text)
+}
+
+pub(super) fn to_json<T: Serialize>(value: &T) -> Result<String, StoreError> {
+    serde_json::to_string(value).map_err(|error| StoreError::Damaged(error.to_string()))
+}
+
+pub(super) fn from_json<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|error| StoreError::Damaged(error.to_string()))
+}
+
+/// A counter never falls.
+fn raise_counter(name: &str, value: u64) -> Result<Statement, StoreError> {
+    let sql = "INSERT INTO counter (name, value) VALUES (?1, ?2)
+        ON CONFLICT (name) DO UPDATE SET value = excluded.value WHERE counter.value < excluded.value";
+    Ok(Statement::new(sql, [Value::Text(name.into()), integer(value)?]))
+}
+
+/// Applies a change to the rows.
+pub(super) async fn apply(queries: &mut dyn Queries, change: &Change) -> Result<(), StoreError> {
+    for statement in statements(change)? {
+        let expected = statement.expected;
+        let changed = queries.execute(statement).await?;
+        if expected.is_some_and(|expected| expected != changed) {
+            return Err(StoreError::Damaged(format!("{change:?} came too late")));
+        }
+    }
+    Ok(())
+}
+
+/// What a change does to the rows.
+fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
+    Ok(match change {
+        Change::WorkerRegistered(worker) => register(worker)?,
+        Change::WorkerJudged { worker, standing } => vec![Statement::new(
+            "UPDATE worker SET standing = ?2 WHERE id = ?1",
+            [integer(worker.0)?, json(standing)?],
+        )],
+        Change::WorkerForgotten(worker) => {
+            vec![Statement::new("DELETE FROM worker WHERE id = ?1", [integer(worker.0)?])]
+        }
+        Change::JobSubmitted(head) => vec![raise_counter("job", head.id.0)?, submit(head)?],
+        Change::JobChanged { job, control } => vec![Statement::new(
+            "UPDATE job SET control = ?2 WHERE id = ?1",
+            [integer(job.0)?, json(control)?],
+        )],
+        Change::JobReopened { record, ended_ms } => vec![reopen(record, *ended_ms)?],
+        Change::LeaseGranted(lease) => grant(lease)?,
+        Change::LeaseEnded { token, .. } => {
+            vec![Statement::new(
+                "DELETE FROM lease WHERE token = ?1",
+                [integer(token.0)?],
+            )]
+        }
+        Change::LeasesRenewed(renewals) => renewals.iter().map(renew).collect::<Result<_, _>>()?,
+        Change::NodeAdded {
+            job,
+            node,
+            record,
+            resolution: [width, height],
+        } => {
+            let sql = "UPDATE job SET width = ?2, height = ?3 WHERE id = ?1";
+            let size = [integer(job.0)?, small(*width), small(*height)];
+            vec![write_node(*job, *node, record)?, Statement::new(sql, size)]
+        }
+        Change::NodeJudged { job, node, record } => vec![write_node(*job, *node, record)?],
+        Change::NodeMerged { job, node } => vec![at_node(
+            "UPDATE node SET live = 0 WHERE job = ?1 AND level = ?2 AND place = ?3",
+            *job,
+            *node,
+        )?],
+        Change::NodeLost { job, node, .. } => vec![at_node(
+            "DELETE FROM node WHERE job = ?1 AND level <= ?2 AND place >> CAST(?2 - level AS INTEGER) = ?3",
+            *job,
+            *node,
+        )?],
+        Change::LeafFailed { job, leaf, attempt } => {
+            let sql = "INSERT INTO failure (job, leaf, attempt) VALUES (?1, ?2, ?3)";
+            vec![Statement::new(sql, [integer(job.0)?, small(*leaf), json(attempt)?])]
+        }
+        Change::JobEnded {
+            job,
+            state,
+            failure,
+            ended_ms,
+        } => {
+            let sql = "UPDATE job SET state = ?2, failure = ?3, ended_ms = ?4 WHERE id = ?1";
+            let values = [integer(job.0)?, json(state)?, text(failure), integer(*ended_ms)?];
+            vec![
+                Statement::new("DELETE FROM lease WHERE job = ?1", [integer(job.0)?]),
+                Statement::new(sql, values),
+            ]
+        }
+    })
+}
+
+fn register(worker: &WorkerRecord) -> Result<Vec<Statement>, StoreError> {
+    let sql = "INSERT INTO worker (id, record, standing) VALUES (?1, ?2, ?3)
+        ON CONFLICT (id) DO UPDATE SET record = excluded.record, standing = excluded.standing";
+    let values = [integer(worker.id.0)?, json(worker)?, json(&worker.standing)?];
+    Ok(vec![raise_counter("worker", worker.id.0)?, Statement::new(sql, values)])
+}
+
+fn grant(lease: &LeaseRecord) -> Result<Vec<Statement>, StoreError> {
+    let sql = "INSERT INTO lease (token, job, record, until_ms, restarts) VALUES (?1, ?2, ?3, ?4, ?5)";
+    let values = [
+        integer(lease.token.0)?,
+        integer(lease.job.0)?,
+        json(lease)?,
+        integer(lease.until_ms)?,
+        small(lease.restarts),
+    ];
+    let running = "UPDATE job SET state = ?2, share_ms = ?3 WHERE id = ?1";
+    let about_job = [
+        integer(lease.job.0)?,
+        json(&JobState::Running)?,
+        integer(lease.share[1])?,
+    ];
+    Ok(vec![
+        raise_counter("token", lease.token.0)?,
+        raise_counter("share", lease.share[0])?,
+        Statement::new(sql, values),
+        Statement::new(running, about_job),
+    ])
+}
+
+fn renew(renewal: &Renewal) -> Result<Statement, StoreError> {
+    let values = [
+        integer(renewal.token.0)?,
+        integer(renewal.until_ms)?,
+        small(renewal.restarts),
+    ];
+    Ok(Statement::new(
+        "UPDATE lease SET until_ms = ?2, restarts = ?3 WHERE token = ?1",
+        values,
+    ))
+}
+
+/// A job that had ended goes on; what it consists of is in its rows already.
+fn reopen(record: &JobRecord, ended_ms: Millis) -> Result<Statement, StoreError> {
+    let sql =
+        "UPDATE job SET state = ?3, failure = NULL, ended_ms = NULL, control = ?4 WHERE id = ?1 AND ended_ms = ?2";
+    let values = [
+        integer(record.head.id.0)?,
+        integer(ended_ms)?,
+        json(&record.state)?,
+        json(&record.control)?,
+    ];
+    Ok(Statement {
+        expected: Some(1),
+        ..Statement::new(sql, values)
+    })
+}
+
+fn submit(head: &JobHead) -> Result<Statement, StoreError> {
+    let sql = "INSERT INTO job (id, spec, key, created_ms, state, totals, owner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
+    let values = [
+        integer(head.id.0)?,
+        json(&head.spec)?,
+        text(&head.key),
+        integer(head.created_ms)?,
+        json(&JobState::Queued)?,
+        json(&Totals::default())?,
+        Value::Text(head.owner.clone()),
+    ];
+    Ok(Statement::new(sql, values))
+}
+
+fn at_node(sql: &'static str, job: JobId, node: NodeKey) -> Result<Statement, StoreError> {
+    Ok(Statement::new(
+        sql,
+        [integer(job.0)?, small(node.level), small(node.index)],
+    ))
+}
+
+fn write_node(job: JobId, node: NodeKey, record: &NodeRecord) -> Result<Statement, StoreError> {
+    let sql = "INSERT INTO node (job, level, place, digest, live, record) VALUES (?1, ?2, ?3, ?4, ?5, ?6)
+        ON CONFLICT (job, level, place) DO UPDATE
+        SET digest = excluded.digest, live = excluded.live, record = excluded.record";
+    let values = [
+        integer(job.0)?,
+        small(node.level),
+        small(node.index),
+        hash(record.digest),
+        flag(record.live),
+        json(record)?,
+    ];
+    Ok(Statement::new(sql, values))
+}
+
+/// A row: its values in the order of the columns asked for.
+#[derive(Debug)]
+pub(super) struct Row(std::vec::IntoIter<Value>);
+
+impl Row {
+    pub(super) fn new(values: Vec<Value>) -> Self {
+        Self(values.into_iter())
+    }
+
+    fn next(&mut self) -> Value {
+        self.0.next().unwrap_or(Value::Null)
+    }
+
+    fn optional_integer(&mut self) -> Result<Option<u64>, StoreError> {
+        match self.next() {
+            Value::Null => Ok(None),
+            Value::Integer(value) => Ok(Some(
+                u64::try_from(value).map_err(|_| StoreError::Damaged(format!("{value} is negative")))?,
+            )),
+            other => Err(unexpected("a number", &other)),
+        }
+    }
+
+    pub(super) fn integer(&mut self) -> Result<u64, StoreError> {
+        self.optional_integer()?
+            .ok_or_else(|| unexpected("a number", &Value::Null))
+    }
+
+    fn small(&mut self) -> Result<u32, StoreError> {
+        let value = self.integer()?;
+        u32::try_from(value).map_err(|_| StoreError::Damaged(format!("{value} is too large")))
+    }
+
+    fn flag(&mut self) -> Result<bool, StoreError> {
+        Ok(self.integer()? != 0)
+    }
+
+    fn text(&mut self) -> Result<String, StoreError> {
+        self.optional_text()?.ok_or_else(|| unexpected("text", &Value::Null))
+    }
+
+    fn optional_text(&mut self) -> Result<Option<String>, StoreError> {
+        match self.next() {
+            Value::Null => Ok(None),
+            Value::Text(text) => Ok(Some(text)),
+            other => Err(unexpected("text", &other)),
+        }
+    }
+
+    pub(super) fn json<T: DeserializeOwned>(&mut self) -> Result<T, StoreError> {
+        from_json(&self.text()?)
+    }
+
+    fn hash(&mut self) -> Result<BlobHash, StoreError> {
+        match self.next() {
+            Value::Bytes(bytes) => bytes
+                .try_into()
+                .map(BlobHash)
+                .map_err(|_| StoreError::Damaged("a hash has 32 bytes".into())),
+            other => Err(unexpected("a hash", &other)),
+        }
+    }
+}
+
+fn unexpected(expected: &str, found: &Value) -> StoreError {
+    StoreError::Damaged(format!("{expected} was expected, not {found:?}"))
+}
+
+/// Something that answers queries, all on the same state.
+#[async_trait]
+pub(super) trait Queries: Send {
+    /// The rows.
+    async fn query(&mut self, statement: Statement) -> Result<Vec<Row>, StoreError>;
+    /// Changes rows; returns how many.
+    async fn execute(&mut self, statement: Statement) -> Result<u64, StoreError>;
+}
+
+/// What is asked of a database: queries that become an answer.
+pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = Result<T, StoreError>> + Send + 'a>>;
+
+async fn ask<const N: usize>(
+    queries: &mut dyn Queries,
+    sql: &'static str,
+    values: [Value; N],
+) -> Result<Vec<Row>, StoreError> {
+    queries.query(Statement::new(sql, values)).await
+}
+
+/// The state to go on from.
+pub(super) async fn load(queries: &mut dyn Queries) -> Result<Snapshot, StoreError> {
+    let mut counters = Counters::default();
+    for (name, counter) in [
+        ("job", &mut counters.job),
+        ("worker", &mut counters.worker),
+        ("token", &mut counters.token),
+        ("share", &mut counters.share),
+    ] {
+        let sql = "SELECT value FROM counter WHERE name = ?1";
+        let mut found = ask(queries, sql, [Value::Text(name.into())]).await?;
+        *counter = found.pop().map_or(Ok(0), |mut row| row.integer())?;
+    }
+    let workers = ask(queries, "SELECT record, standing FROM worker ORDER BY id", []).await?;
+    let workers = workers.into_iter().map(read_worker).collect::<Result<_, _>>()?;
+    let sql = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
+        control, share_ms FROM job WHERE ended_ms IS NULL ORDER BY id";
+    Ok(Snapshot {
+        counters,
+        workers,
+        jobs: read_jobs(queries, sql, []).await?,
+    })
+}
+
+/// A job, whether it has ended or not.
+pub(super) async fn job(queries: &mut dyn Queries, id: JobId) -> Result<Option<JobRecord>, StoreError> {
+    let Ok(id) = integer(id.0) else { return Ok(None) };
+    let sql = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
+        control, share_ms FROM job WHERE id = ?1";
+    Ok(read_jobs(queries, sql, [id]).await?.pop())
+}
+
+/// Up to `limit` jobs, newest first, below the job `before`.
+pub(super) async fn jobs(
+    queries: &mut dyn Queries,
+    before: Option<JobId>,
+    limit: u32,
+) -> Result<Vec<JobRecord>, StoreError> {
+    let before = before.and_then(|id| i64::try_from(id.0).ok()).unwrap_or(i64::MAX);
+    let sql = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
+        control, share_ms FROM job WHERE id < ?1 ORDER BY id DESC LIMIT ?2";
+    read_jobs(queries, sql, [Value::Integer(before), small(limit)]).await
+}
+
+/// The job that was submitted with an idempotency key.
+pub(super) async fn job_by_key(queries: &mut dyn Queries, key: String) -> Result<Option<JobRecord>, StoreError> {
+    let sql = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
+        control, share_ms FROM job WHERE key = ?1";
+    Ok(read_jobs(queries, sql, [Value::Text(key)]).await?.pop())
+}
+
+/// Keeps a manifest, and counts its blobs for the owner. Returns the bytes that the owner has then, and whether that is
+/// at most `most`: otherwise all of it is to be undone.
+pub(super) async fn put_bundle(
+    queries: &mut dyn Queries,
+    name: BlobHash,
+    manifest: &BundleManifest,
+    owner: String,
+    most: u64,
+) -> Result<(u64, bool), StoreError> {
+    let bundle = "INSERT INTO bundle (hash, manifest) VALUES (?1, ?2) ON CONFLICT DO NOTHING";
+    queries
+        .execute(Statement::new(bundle, [hash(name), json(manifest)?]))
+        .await?;
+    for (blob, bytes) in manifest.blobs() {
+        let size = "INSERT INTO bundle_blob (blob, bytes) VALUES (?1, ?2) ON CONFLICT DO NOTHING";
+        queries
+            .execute(Statement::new(size, [hash(blob), integer(bytes)?]))
+            .await?;
+        let owned =
+            "INSERT INTO owned_blob (owner, blob, bytes) VALUES (?1, ?2, ?3) ON CONFLICT (owner, blob) DO UPDATE
+            SET bytes = excluded.bytes WHERE owned_blob.bytes < excluded.bytes";
+        let values = [Value::Text(owner.clone()), hash(blob), integer(bytes)?];
+        queries.execute(Statement::new(owned, values)).await?;
+    }
+    let used = owned_bytes(queries, owner).await?;
+    Ok((used, used <= most))
+}
+
+async fn owned_bytes(queries: &mut dyn Queries, owner: String) -> Result<u64, StoreError> {
+    let sql = "SELECT CAST(coalesce(sum(bytes), 0) AS BIGINT) FROM owned_blob WHERE owner = ?1";
+    one(ask(queries, sql, [Value::Text(owner)]).await?)?.integer()
+}
+
+fn one(mut rows: Vec<Row>) -> Result<Row, StoreError> {
+    rows.pop().ok_or_else(|| StoreError::Damaged("a row is missing".into()))
+}
+
+/// What an owner has used; `jobs` asks for the jobs that go on and the iterations of all.
+pub(super) async fn usage(queries: &mut dyn Queries, jobs: &'static str, owner: String) -> Result<Usage, StoreError> {
+    let mut found = one(ask(queries, jobs, [Value::Text(owner.clone())]).await?)?;
+    Ok(Usage {
+        jobs: found.integer()?,
+        bundle_bytes: owned_bytes(queries, owner).await?,
+        iterations: found.integer()?,
+    })
+}
+
+/// Keeps a token; returns false, and changes nothing, if there is one of that name.
+pub(super) async fn put_token(queries: &mut dyn Queries, token: &TokenRecord) -> Result<bool, StoreError> {
+    let sql = "INSERT INTO token (name, record) VALUES (?1, ?2) ON CONFLICT DO NOTHING";
+    let statement = Statement::new(sql, [Value::Text(token.name.clone()), json(token)?]);
+    Ok(queries.execute(statement).await? == 1)
+}
+
+/// All tokens, by name.
+pub(super) async fn tokens(queries: &mut dyn Queries) -> Result<Vec<TokenRecord>, StoreError> {
+    let found = ask(queries, "SELECT record FROM token", []).await?;
+    let mut tokens: Vec<TokenRecord> = found.into_iter().map(|mut row| row.json()).collect::<Result<_, _>>()?;
+    tokens.sort_unstable_by(|a, b| a.name.cmp(&b.name));
+    Ok(tokens)
+}
+
+/// Forgets a token. Returns whether there was one.
+pub(super) async fn remove_token(queries: &mut dyn Queries, name: String) -> Result<bool, StoreError> {
+    let statement = Statement::new("DELETE FROM token WHERE name = ?1", [Value::Text(name)]);
+    Ok(queries.execute(statement).await? == 1)
+}
+
+/// The manifest of a bundle.
+pub(super) async fn bundle(queries: &mut dyn Queries, name: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
+    let sql = "SELECT manifest FROM bundle WHERE hash = ?1";
+    let found = ask(queries, sql, [hash(name)]).await?.pop();
+    found.map(|mut row| row.json()).transpose()
+}
+
+/// The largest size that a bundle gives for a blob.
+pub(super) async fn bundled_size(queries: &mut dyn Queries, blob: BlobHash) -> Result<Option<u64>, StoreError> {
+    let sql = "SELECT max(bytes) FROM bundle_blob WHERE blob = ?1";
+    one(ask(queries, sql, [hash(blob)]).await?)?.optional_integer()
+}
+
+/// Digests of all nodes that count, of all jobs.
+pub(super) async fn live_digests(queries: &mut dyn Queries) -> Result<Vec<BlobHash>, StoreError> {
+    let found = ask(queries, "SELECT digest FROM node WHERE live = 1", []).await?;
+    found.into_iter().map(|mut row| row.hash()).collect()
+}
+
+async fn read_jobs<const N: usize>(
+    queries: &mut dyn Queries,
+    sql: &'static str,
+    values: [Value; N],
+) -> Result<Vec<JobRecord>, StoreError> {
+    let mut jobs = Vec::new();
+    for row in ask(queries, sql, values).await? {
+        let mut job = read_job(row)?;
+        let id = [integer(job.head.id.0)?];
+        let nodes = "SELECT level, place, live, record FROM node WHERE job = ?1 ORDER BY level, place";
+        let nodes = ask(queries, nodes, id.clone()).await?;
+        job.nodes = nodes.into_iter().map(read_node).collect::<Result<_, _>>()?;
+        let leases = "SELECT until_ms, restarts, record FROM lease WHERE job = ?1 ORDER BY token";
+        let leases = ask(queries, leases, id.clone()).await?;
+        job.leases = leases.into_iter().map(read_lease).collect::<Result<_, _>>()?;
+        let failures = ask(
+            queries,
+            "SELECT leaf, attempt FROM failure WHERE job = ?1 ORDER BY number",
+            id,
+        );
+        let failures = failures
+            .await?
+            .into_iter()
+            .map(|mut row| Ok((row.small()?, row.json()?)));
+        job.failures = failures.collect::<Result<_, StoreError>>()?;
+        jobs.push(job);
+    }
+    Ok(jobs)
+}
+
+fn read_job(mut row: Row) -> Result<JobRecord, StoreError> {
+    let id = JobId(row.integer()?);
+    let spec = row.json()?;
+    let (key, created_ms) = (row.optional_text()?, row.integer()?);
+    let (state, failure, ended_ms) = (row.json()?, row.optional_text()?, row.optional_integer()?);
+    let resolution = match (row.optional_integer()?, row.optional_integer()?) {
+        (Some(width), Some(height)) => Some([width as u32, height as u32]),
+        _ => None,
+    };
+    let (totals, owner) = (row.json()?, row.text()?);
+    let control = row.optional_text()?.map(|text| from_json(&text)).transpose()?;
+    Ok(JobRecord {
+        control: control.unwrap_or_else(|| JobControl::of(&spec)),
+        head: JobHead {
+            id,
+            spec,
+            owner,
+            key,
+            created_ms,
+        },
+        share_ms: row.integer()?,
+        state,
+        failure,
+        ended_ms,
+        resolution,
+        totals,
+        nodes: Vec::new(),
+        leases: Vec::new(),
+        failures: Vec::new(),
+    })
+}
+
+fn read_worker(mut row: Row) -> Result<WorkerRecord, StoreError> {
+    let mut worker: WorkerRecord = row.json()?;
+    if let Some(standing) = row.optional_text()? {
+        worker.standing = from_json(&standing)?;
+    }
+    Ok(worker)
+}
+
+fn read_lease(mut row: Row) -> Result<LeaseRecord, StoreError> {
+    Ok(LeaseRecord {
+        until_ms: row.integer()?,
+        restarts: row.small()?,
+        ..row.json()?
+    })
+}
+
+/// Whether a node counts on its own changes without its record being written anew; what it took is forgotten then.
+fn read_node(mut row: Row) -> Result<(NodeKey, NodeRecord), StoreError> {
+    let (level, index, live) = (row.small()?, row.small()?, row.flag()?);
+    let mut record: NodeRecord = row.json()?;
+    record.live = live;
+    record.totals = record.totals.filter(|_| live);
+    Ok((NodeKey { level, index }, record))
+}

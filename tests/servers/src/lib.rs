@@ -1,0 +1,1 @@
+//! Real PostgreSQL and S3 servers, started and ended by tests.
