@@ -6,15 +6,18 @@
 pub mod access;
 mod api;
 pub mod scheduler;
+mod server;
 pub mod service;
 pub mod store;
 
 pub use api::openapi;
+pub use server::{Timeouts, TlsError, TlsFiles};
 
+use access::{Gate, Tokens};
 use photonfarm_proto::limits::Limits;
 use scheduler::SchedulerConfig;
+use server::Server;
 use service::{Service, ServiceError, Stores};
-use std::future::IntoFuture;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -36,8 +39,14 @@ pub struct Config {
     pub limits: Limits,
     /// How leases are given.
     pub scheduler: SchedulerConfig,
-    /// Whether to listen beyond this machine. There are no accounts yet: whoever can connect can do everything.
-    pub insecure_listen: bool,
+    /// Certificate for encrypted connections; none: connections are not encrypted.
+    pub tls: Option<TlsFiles>,
+    /// Requests a second that one token may send from one address, over two seconds.
+    pub rate: u32,
+    /// Connections at once; more wait until one of them ends.
+    pub connections: usize,
+    /// How long peers may take.
+    pub timeouts: Timeouts,
 }
 
 impl Config {
@@ -48,7 +57,10 @@ impl Config {
             data: data.into(),
             limits: Limits::default(),
             scheduler: SchedulerConfig::default(),
-            insecure_listen: false,
+            tls: None,
+            rate: 1000,
+            connections: 4096,
+            timeouts: Timeouts::default(),
         }
     }
 }
@@ -56,11 +68,14 @@ impl Config {
 /// Why a coordinator does not start.
 #[derive(Debug, Error)]
 pub enum StartError {
-    /// An address that other machines can reach, without leave.
+    /// An address that other machines can reach, on a farm that asks for no tokens.
     #[error(
-        "{0} can be reached from other machines, and there are no accounts yet: listen on 127.0.0.1, or allow it with --insecure-listen"
+        "{0} can be reached from other machines, and the farm has no token yet: make one with `photonfarm token create`, or listen on 127.0.0.1"
     )]
-    NotLoopback(SocketAddr),
+    NoToken(SocketAddr),
+    /// The certificate cannot be used.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The network failed.
     #[error("the listener failed: {0}")]
     Listener(#[from] std::io::Error),
@@ -76,7 +91,8 @@ pub enum StartError {
 pub struct Coordinator {
     address: SocketAddr,
     service: Arc<Service>,
-    server: JoinHandle<std::io::Result<()>>,
+    encrypted: bool,
+    server: JoinHandle<()>,
     clockwork: JoinHandle<()>,
 }
 
@@ -84,7 +100,7 @@ impl Coordinator {
     /// Opens the stores in the data folder, goes on with what they hold, and serves on the listener.
     ///
     /// # Errors
-    /// An address beyond this machine without leave; a data folder in use, damaged, or made by a newer version.
+    /// An address beyond this machine without any token; a certificate that cannot be used; a data folder in use, damaged, or made by a newer version.
     pub async fn start(config: Config, listener: TcpListener) -> Result<Self, StartError> {
         let stores = open_stores(&config.data)?;
         Self::start_with(config, stores, listener).await
@@ -93,18 +109,29 @@ impl Coordinator {
     /// As [`start`](Self::start), with stores of the caller's.
     pub async fn start_with(config: Config, stores: Stores, listener: TcpListener) -> Result<Self, StartError> {
         let address = listener.local_addr()?;
-        if !address.ip().is_loopback() && !config.insecure_listen {
-            return Err(StartError::NotLoopback(address));
+        let loopback = address.ip().to_canonical().is_loopback();
+        let tls = config.tls.as_ref().map(TlsFiles::acceptor).transpose()?;
+        let encrypted = tls.is_some();
+        let gate = Gate::new(Tokens::new(stores.state.clone()), loopback, config.rate);
+        if !loopback && !gate.has_tokens().await? {
+            return Err(StartError::NoToken(address));
+        }
+        if !loopback && !encrypted {
+            tracing::warn!(%address, "connections are not encrypted: tokens can be read on the way");
         }
         let step = Duration::from_millis((config.scheduler.lease_ttl_ms / 10).clamp(10, 1000));
         let service = Service::open(config.limits, config.scheduler, stores).await?;
-        let mut stopping = service.stopping();
-        let stopped = async move { _ = stopping.wait_for(|stop| *stop).await };
-        let server = axum::serve(listener, api::router(service.clone())).with_graceful_shutdown(stopped);
-        tracing::info!(%address, "coordinator listens");
+        let server = Server {
+            router: api::router(service.clone(), Arc::new(gate)),
+            tls,
+            timeouts: config.timeouts,
+            stopping: service.stopping(),
+        };
+        tracing::info!(%address, encrypted, "coordinator listens");
         Ok(Self {
             address,
-            server: tokio::spawn(server.into_future()),
+            encrypted,
+            server: tokio::spawn(server.run(listener, config.connections)),
             clockwork: tokio::spawn(service.clone().run(step)),
             service,
         })
@@ -119,7 +146,8 @@ impl Coordinator {
     /// The URL for workers and clients.
     #[must_use]
     pub fn url(&self) -> String {
-        format!("http://{}", self.address)
+        let scheme = if self.encrypted { "https" } else { "http" };
+        format!("{scheme}://{}", self.address)
     }
 
     /// The service behind the interface.

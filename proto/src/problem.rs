@@ -141,7 +141,7 @@ pub struct Problem {
     pub line: Option<u64>,
     /// Seconds to wait before the same request; also in the header `Retry-After`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub retry_after_s: Option<u64>,
+    pub retry_after_s: Option<u16>,
 }
 
 impl Problem {
@@ -170,7 +170,7 @@ impl Problem {
 
     /// Says when to try again.
     #[must_use]
-    pub fn after(mut self, seconds: u64) -> Self {
+    pub fn after(mut self, seconds: u16) -> Self {
         self.retry_after_s = Some(seconds);
         self
     }

@@ -195,7 +195,10 @@ fn command<S: AsRef<OsStr>>(name: &str, arguments: &[S]) -> Command {
     command
         .args(arguments)
         .env_remove("RUST_LOG")
-        .env_remove("PHOTONFARM_COORDINATOR");
+        .env_remove("PHOTONFARM_COORDINATOR")
+        .env_remove("PHOTONFARM_TOKEN")
+        .env_remove("PHOTONFARM_TOKEN_FILE")
+        .env_remove("PHOTONFARM_CA");
     command
 }
 
@@ -215,7 +218,7 @@ impl Coordinator {
     /// Where it does not say that it listens.
     #[must_use]
     pub fn start(data: &Path) -> Self {
-        let (process, url) = serve(data, "127.0.0.1:0");
+        let (process, url) = serve(data, "127.0.0.1:0", &[]);
         Self {
             process: Some(process),
             url,
@@ -238,7 +241,7 @@ impl Coordinator {
     pub fn restart(&mut self) {
         assert!(self.process.is_none(), "the coordinator runs");
         let address = self.url.trim_start_matches("http://").to_owned();
-        let (process, url) = serve(&self.data, &address);
+        let (process, url) = serve(&self.data, &address, &[]);
         assert_eq!(url, self.url);
         self.process = Some(process);
     }
@@ -290,9 +293,15 @@ impl Coordinator {
     }
 }
 
-fn serve(data: &Path, address: &str) -> (Process, String) {
+/// Starts `photonfarm serve` with further options, and waits until it says where it listens.
+///
+/// # Panics
+/// Where it does not say so.
+#[must_use]
+pub fn serve(data: &Path, address: &str, more: &[&str]) -> (Process, String) {
     let data = data.to_str().expect("a UTF-8 path");
-    let mut process = Process::start("photonfarm", &["serve", "--listen", address, "--data", data]);
+    let arguments = [&["serve", "--listen", address, "--data", data], more].concat();
+    let mut process = Process::start("photonfarm", &arguments);
     let mut lines = BufReader::new(process.child.stdout.take().expect("piped")).lines();
     let line = lines.next().and_then(Result::ok).unwrap_or_default();
     let Some(url) = line.strip_prefix("listening on ") else {

@@ -1,13 +1,14 @@
 //! The coordinator as a worker sees it.
 
 use crate::backoff::Backoff;
+use crate::credentials::Credentials;
 use futures_util::StreamExt;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::codec::{self, CodecError, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use reqwest::header::CONTENT_TYPE;
-use reqwest::{Request, Response, Url};
+use reqwest::{Method, Request, RequestBuilder, Response, Url};
 use std::time::Duration;
 use thiserror::Error;
 use tokio_util::sync::CancellationToken;
@@ -65,21 +66,33 @@ impl ClientError {
 pub(crate) struct Client {
     http: reqwest::Client,
     base: Url,
+    credentials: Credentials,
 }
 
 impl Client {
     /// A client for the coordinator at `url`; nothing is sent yet.
-    pub(crate) fn new(url: &str) -> Result<Self, String> {
+    pub(crate) fn new(url: &str, credentials: Credentials) -> Result<Self, String> {
         let base = Url::parse(url).map_err(|error| format!("{url:?} is not a URL: {error}"))?;
-        if base.scheme() != "http" || base.cannot_be_a_base() {
+        if !matches!(base.scheme(), "http" | "https") || base.cannot_be_a_base() {
             return Err(format!("{url:?} is not an address such as http://127.0.0.1:7800"));
         }
-        let http = reqwest::Client::builder()
+        credentials.warn_if_exposed(&base);
+        let http = credentials
+            .trust(reqwest::Client::builder())
             .connect_timeout(SHORT)
             .no_proxy()
             .build()
             .map_err(|error| error.to_string())?;
-        Ok(Self { http, base })
+        Ok(Self {
+            http,
+            base,
+            credentials,
+        })
+    }
+
+    /// A request to the coordinator, with the token.
+    fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        self.credentials.sign(self.http.request(method, self.url(path)))
     }
 
     fn url(&self, path: &str) -> Url {
@@ -91,7 +104,9 @@ impl Client {
     /// A request with a body, ready to be sent any number of times.
     pub(crate) fn post(&self, path: &str, body: Vec<u8>, wait: Duration) -> Result<Request, ClientError> {
         let transfer = Duration::from_secs(body.len() as u64 / SLOWEST);
-        let request = self.http.post(self.url(path)).header(CONTENT_TYPE, MESSAGE_MEDIA_TYPE);
+        let request = self
+            .request(Method::POST, path)
+            .header(CONTENT_TYPE, MESSAGE_MEDIA_TYPE);
         Ok(request.timeout(SHORT + wait + transfer).body(body).build()?)
     }
 
@@ -127,7 +142,7 @@ impl Client {
 
     /// The manifest of a bundle.
     pub(crate) async fn manifest(&self, hash: BlobHash) -> Result<BundleManifest, ClientError> {
-        let request = self.http.get(self.url(&format!("bundles/{hash}"))).timeout(4 * SHORT);
+        let request = self.request(Method::GET, &format!("bundles/{hash}")).timeout(4 * SHORT);
         let bytes = read_bounded(succeed(request.send().await?).await?, MANIFEST_BYTES).await?;
         let manifest: BundleManifest =
             serde_json::from_slice(&bytes).map_err(|error| ClientError::Answer(error.to_string()))?;
@@ -143,7 +158,7 @@ impl Client {
     /// The bytes of a file, piece by piece; the caller verifies them.
     pub(crate) async fn blob(&self, hash: BlobHash, bytes: u64) -> Result<Response, ClientError> {
         let timeout = SHORT + Duration::from_secs(bytes / SLOWEST);
-        let request = self.http.get(self.url(&format!("blobs/{hash}"))).timeout(timeout);
+        let request = self.request(Method::GET, &format!("blobs/{hash}")).timeout(timeout);
         succeed(request.send().await?).await
     }
 }

@@ -7,6 +7,7 @@ mod backoff;
 mod block;
 mod cache;
 mod client;
+mod credentials;
 mod held;
 mod outbox;
 mod render;
@@ -14,6 +15,7 @@ mod worker;
 
 pub use cache::{BundleFiles, Cache, FileError};
 pub use client::ClientError;
+pub use credentials::{Credentials, CredentialsError, TOKEN_VARIABLE};
 pub use render::{CoreRenderer, CoreScene, LoadedScene, Renderer};
 pub use tokio_util::sync::CancellationToken;
 pub use worker::{Worker, WorkerConfig, WorkerError};

@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use clap::{Parser, ValueEnum};
-use photonfarm_worker::{CancellationToken, Worker, WorkerConfig};
+use photonfarm_worker::{CancellationToken, Credentials, Worker, WorkerConfig};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,6 +19,12 @@ struct Options {
     /// URL of the coordinator, such as http://127.0.0.1:7800.
     #[arg(long, env = "PHOTONFARM_COORDINATOR")]
     coordinator: String,
+    /// File with a token of the role `worker`; else the variable PHOTONFARM_TOKEN holds one, if the farm asks for any.
+    #[arg(long, value_name = "FILE", env = "PHOTONFARM_TOKEN_FILE")]
+    token_file: Option<PathBuf>,
+    /// File with the certificate of the authority that the coordinator's comes from; else those that the system trusts.
+    #[arg(long, value_name = "FILE", env = "PHOTONFARM_CA")]
+    ca: Option<PathBuf>,
     /// Threads to render with; 0: all processors.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -62,6 +68,7 @@ async fn run(options: Options) -> anyhow::Result<()> {
         .cache
         .unwrap_or_else(|| std::env::temp_dir().join("photonfarm-cache"));
     let mut config = WorkerConfig::new(options.coordinator, cache);
+    config.credentials = Credentials::load(options.token_file.as_deref(), options.ca.as_deref())?;
     config.threads = options.threads;
     config.cache_bytes = options.cache_gigabytes.saturating_mul(1 << 30);
     config.name = options.name.unwrap_or_else(host_name);

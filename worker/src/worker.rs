@@ -4,6 +4,7 @@ use crate::backoff::Backoff;
 use crate::block::{Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
 use crate::client::{Client, ClientError, retry};
+use crate::credentials::Credentials;
 use crate::held::{Abandon, Held, LeaseState};
 use crate::outbox::{self, Farewell, Parcel};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
@@ -36,6 +37,8 @@ const LOADS: usize = 3;
 pub struct WorkerConfig {
     /// URL of the coordinator.
     pub coordinator: String,
+    /// What is shown to the coordinator.
+    pub credentials: Credentials,
     /// A name for people.
     pub name: String,
     /// Threads to render with; 0: all processors.
@@ -58,6 +61,7 @@ impl WorkerConfig {
     pub fn new(coordinator: impl Into<String>, cache: impl Into<PathBuf>) -> Self {
         Self {
             coordinator: coordinator.into(),
+            credentials: Credentials::default(),
             name: "worker".into(),
             threads: 0,
             cache: cache.into(),
@@ -134,7 +138,7 @@ impl From<ClientError> for LoadError {
 impl Worker {
     /// Opens the cache and makes the threads; nothing is sent yet.
     pub fn new(config: WorkerConfig) -> Result<Self, WorkerError> {
-        let client = Client::new(&config.coordinator).map_err(WorkerError::Url)?;
+        let client = Client::new(&config.coordinator, config.credentials.clone()).map_err(WorkerError::Url)?;
         let cache = Cache::open(&config.cache, config.cache_bytes).map_err(|source| WorkerError::Cache {
             path: config.cache.clone(),
             source,

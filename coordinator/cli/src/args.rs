@@ -1,6 +1,8 @@
 //! The command line as typed.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use photonfarm_proto::token::Role;
+use photonfarm_worker::{Credentials, CredentialsError};
 use std::collections::BTreeMap;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
@@ -47,10 +49,29 @@ Examples:
   photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --wait -o image.exr
 
 Everything that the coordinator knows lies in the data folder: stop it or kill it, start it again
-with the same folder, and its jobs go on. There are no accounts yet: whoever can connect can do
-everything, so an address that other machines can reach needs --insecure-listen. Port 0 takes a free
-port; the first line on standard output says which. RUST_LOG sets how much is logged (warn, info,
-debug, photonfarm_coordinator=trace, ...).";
+with the same folder, and its jobs go on. Port 0 takes a free port; the first line on
+standard output says which. RUST_LOG sets how much is logged (warn, info, debug,
+photonfarm_coordinator=trace, ...).
+
+A farm without any token is open to whoever can connect, so it listens on this machine only. Once
+there is one, every request needs one. To listen for other machines:
+  photonfarm token create boss --role admin --data farm > boss.token
+  photonfarm serve --listen 0.0.0.0:7800 --data farm --tls-cert farm.pem --tls-key farm.key";
+
+const TOKEN_EXAMPLES: &str = "\
+Examples:
+  photonfarm token create boss --role admin --data farm > boss.token
+      Makes the first token of a farm that is not running, on its data folder.
+  export PHOTONFARM_COORDINATOR=https://farm.example:7800 PHOTONFARM_TOKEN_FILE=boss.token
+  photonfarm token create rack --role worker > rack.token
+  photonfarm token create ann --role submit --days 90 --most-jobs 20 --most-gigabytes 50 > ann.token
+  photonfarm token list
+  photonfarm token revoke ann
+      Makes, lists and revokes tokens of a running farm.
+
+Roles: read looks at everything; submit also sends scenes and jobs, and steers its own jobs; worker
+renders and sees nothing but the files of scenes; admin does everything. The token goes to standard
+output, once: the farm keeps only its hash. Jobs of a revoked token go on.";
 
 const SET_HELP: &str = "\
 Set an integrator's setting, by its name in the job's JSON:
@@ -84,6 +105,9 @@ pub(crate) enum Command {
     /// Send a scene to a farm
     #[command(after_help = SUBMIT_EXAMPLES)]
     Submit(SubmitArgs),
+    /// Make, list and revoke tokens: who may use a farm
+    #[command(after_help = TOKEN_EXAMPLES)]
+    Token(TokenArgs),
 }
 
 #[derive(Debug, Args)]
@@ -109,9 +133,18 @@ pub(crate) struct ServeArgs {
     /// Folder for jobs and images; made if it is not there
     #[arg(long, value_name = "DIR")]
     pub(crate) data: PathBuf,
-    /// Allow an address that other machines can reach: whoever can connect can do everything
-    #[arg(long)]
-    pub(crate) insecure_listen: bool,
+    /// Certificate for encrypted connections, with those between it and its authority, as PEM
+    #[arg(long, value_name = "FILE", requires = "tls_key", env = "PHOTONFARM_TLS_CERT")]
+    pub(crate) tls_cert: Option<PathBuf>,
+    /// Private key of the certificate, as PEM
+    #[arg(long, value_name = "FILE", requires = "tls_cert", env = "PHOTONFARM_TLS_KEY")]
+    pub(crate) tls_key: Option<PathBuf>,
+    /// Requests a second that one token may send from one address
+    #[arg(long, value_name = "N", default_value = "1000")]
+    pub(crate) rate: NonZeroU32,
+    /// Connections at once; more wait until one of them ends
+    #[arg(long, value_name = "N", default_value = "4096")]
+    pub(crate) connections: NonZeroUsize,
     /// Format of the log; RUST_LOG chooses what it tells
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     pub(crate) log_format: LogFormat,
@@ -132,12 +165,121 @@ pub(crate) struct SubmitArgs {
     /// The farm's coordinator, such as http://127.0.0.1:7800
     #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
     pub(crate) coordinator: String,
+    #[command(flatten)]
+    pub(crate) credentials: CredentialArgs,
     /// Wait until the job is done
     #[arg(long)]
     pub(crate) wait: bool,
     /// Picture to write when the job is done, with a PNG beside it
     #[arg(short, long, value_name = "OUT.exr", requires = "wait")]
     pub(crate) output: Option<PathBuf>,
+}
+
+/// What is shown to the coordinator.
+#[derive(Debug, Args)]
+pub(crate) struct CredentialArgs {
+    /// File with a token; else the variable PHOTONFARM_TOKEN holds one, if the farm asks for any
+    #[arg(long, value_name = "FILE", env = "PHOTONFARM_TOKEN_FILE")]
+    token_file: Option<PathBuf>,
+    /// File with the certificate of the authority that the coordinator's comes from [default: those that the system trusts]
+    #[arg(long, value_name = "FILE", env = "PHOTONFARM_CA")]
+    ca: Option<PathBuf>,
+}
+
+impl CredentialArgs {
+    pub(crate) fn load(&self) -> Result<Credentials, CredentialsError> {
+        Credentials::load(self.token_file.as_deref(), self.ca.as_deref())
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TokenArgs {
+    #[command(subcommand)]
+    pub(crate) command: TokenCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum TokenCommand {
+    /// Make a token; it is printed once
+    Create(CreateTokenArgs),
+    /// List the tokens: name, role, and what was used of its quotas
+    List {
+        #[command(flatten)]
+        place: TokenPlace,
+    },
+    /// Revoke a token; its jobs go on
+    Revoke {
+        /// Name of the token
+        name: String,
+        #[command(flatten)]
+        place: TokenPlace,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct CreateTokenArgs {
+    /// Name of the token: 1 to 64 letters, digits, `-`, `_` and `.`; its jobs show it as their owner
+    pub(crate) name: String,
+    /// What the token allows
+    #[arg(long, value_enum)]
+    pub(crate) role: RoleName,
+    /// Days until the token ends [default: it does not]
+    #[arg(long, value_name = "D", value_parser = positive)]
+    pub(crate) days: Option<f64>,
+    /// Most jobs at once [default: no limit]
+    #[arg(long, value_name = "N")]
+    pub(crate) most_jobs: Option<u64>,
+    /// Most gigabytes of scenes, each distinct file once [default: no limit]
+    #[arg(long, value_name = "GB", value_parser = positive)]
+    pub(crate) most_gigabytes: Option<f64>,
+    /// Most iterations of all jobs, ended ones included [default: no limit]
+    #[arg(long, value_name = "N")]
+    pub(crate) most_iterations: Option<u64>,
+    #[command(flatten)]
+    pub(crate) place: TokenPlace,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RoleName {
+    /// Look at jobs, images, scenes and workers
+    Read,
+    /// Also send scenes and jobs, and steer the jobs sent with this token
+    Submit,
+    /// Render
+    Worker,
+    /// Everything
+    Admin,
+}
+
+impl From<RoleName> for Role {
+    fn from(name: RoleName) -> Self {
+        match name {
+            RoleName::Read => Self::Read,
+            RoleName::Submit => Self::Submit,
+            RoleName::Worker => Self::Worker,
+            RoleName::Admin => Self::Admin,
+        }
+    }
+}
+
+/// Where tokens are.
+#[derive(Debug, Args)]
+pub(crate) struct TokenPlace {
+    /// Data folder of a farm that is not running
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    /// A running farm's coordinator, such as http://127.0.0.1:7800
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
+    pub(crate) coordinator: Option<String>,
+    #[command(flatten)]
+    pub(crate) credentials: CredentialArgs,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value <= 1e9 => Ok(value),
+        _ => Err("expected a number above 0".to_owned()),
+    }
 }
 
 /// What to render.
@@ -206,6 +348,10 @@ mod tests {
             "photonfarm render s.xml -o o.exr --integrator path --iterations 4 --seed 7 -D a=b -D c=d=e \
              --set samples=2 --set max_depth=-1 --threads 3 --stats s.json",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format json",
+            "photonfarm serve --listen [::]:0 --data d --tls-cert c --tls-key k --rate 5 --connections 9",
+            "photonfarm token create a --role submit --days 0.5 --most-jobs 1 --most-gigabytes 2 --data d",
+            "photonfarm token list --coordinator http://localhost:1 --token-file t --ca c",
+            "photonfarm token revoke a --data d",
             "photonfarm submit s.xml --coordinator http://localhost:1 --wait -o o.exr --integrator pcf -Dx=1",
         ] {
             Cli::try_parse_from(line.split_whitespace()).unwrap_or_else(|e| panic!("{line}: {e}"));
@@ -223,6 +369,10 @@ mod tests {
             "photonfarm render s.xml -o o.exr --set =1",
             "photonfarm submit s.xml --coordinator http://localhost:1 -o o.exr",
             "photonfarm serve --data d",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --tls-cert c",
+            "photonfarm token create a --data d",
+            "photonfarm token create a --role boss --data d",
+            "photonfarm token create a --role read --days 0 --data d",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format xml",
         ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_err(), "{line}");

@@ -7,6 +7,8 @@ use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::Problem;
+use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
+use photonfarm_worker::Credentials;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
@@ -28,6 +30,7 @@ const EVENT_BYTES: usize = 16 << 20;
 pub(crate) struct Client {
     http: reqwest::Client,
     base: Url,
+    credentials: Credentials,
 }
 
 /// Why a request has no answer.
@@ -40,18 +43,24 @@ enum Failure {
 
 impl Client {
     /// The coordinator at `url`.
-    pub(crate) fn new(url: &str) -> Result<Self> {
-        let advice = "give the coordinator as http://HOST:PORT";
+    pub(crate) fn new(url: &str, credentials: Credentials) -> Result<Self> {
+        let advice = "give the coordinator as http://HOST:PORT or https://HOST:PORT";
         let base = Url::parse(url).with_context(|| format!("`{url}` is not a URL: {advice}"))?;
-        if base.scheme() != "http" || base.host().is_none() {
+        if !matches!(base.scheme(), "http" | "https") || base.host().is_none() {
             bail!("`{url}` cannot be a coordinator: {advice}");
         }
-        let http = reqwest::Client::builder()
+        credentials.warn_if_exposed(&base);
+        let http = credentials
+            .trust(reqwest::Client::builder())
             .no_proxy()
             .connect_timeout(CONNECT_TIMEOUT)
             .read_timeout(READ_TIMEOUT)
             .build()?;
-        Ok(Self { http, base })
+        Ok(Self {
+            http,
+            base,
+            credentials,
+        })
     }
 
     /// Waits until the coordinator answers.
@@ -96,6 +105,26 @@ impl Client {
         Ok(self.retry(PATIENCE, request).await?.json().await?)
     }
 
+    /// Makes a token.
+    pub(crate) async fn create_token(&self, token: &TokenRequest) -> Result<NewToken> {
+        let request = || self.request(Method::POST, "tokens").json(token);
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
+    }
+
+    /// The tokens of the farm.
+    pub(crate) async fn tokens(&self) -> Result<TokenList> {
+        let request = || self.request(Method::GET, "tokens");
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
+    }
+
+    /// Revokes a token.
+    pub(crate) async fn revoke_token(&self, name: &str) -> Result<()> {
+        let path = format!("tokens/{name}");
+        self.retry(FIRST_PATIENCE, || self.request(Method::DELETE, &path))
+            .await?;
+        Ok(())
+    }
+
     /// An image of a job, in the format `exr` or `png`.
     pub(crate) async fn image(&self, job: JobId, format: &str) -> Result<Vec<u8>> {
         let path = format!("jobs/{job}/image.{format}");
@@ -132,7 +161,8 @@ impl Client {
 
     fn request(&self, method: Method, path: &str) -> RequestBuilder {
         let base = self.base.as_str().trim_end_matches('/');
-        self.http.request(method, format!("{base}/v1/{path}"))
+        let request = self.http.request(method, format!("{base}/v1/{path}"));
+        self.credentials.sign(request)
     }
 
     /// Sends a request again and again, with growing pauses, until it is answered or refused.
@@ -255,15 +285,8 @@ mod tests {
 
     #[test]
     fn addresses_that_cannot_be_are_refused_with_advice() {
-        for url in [
-            "",
-            "localhost:1",
-            "ftp://farm",
-            "127.0.0.1:80",
-            "https://farm",
-            "http://",
-        ] {
-            let message = format!("{:#}", Client::new(url).unwrap_err());
+        for url in ["", "localhost:1", "ftp://farm", "127.0.0.1:80", "http://"] {
+            let message = format!("{:#}", Client::new(url, Credentials::default()).unwrap_err());
             assert!(message.contains("http://HOST:PORT"), "{url}: {message}");
         }
     }

@@ -11,6 +11,7 @@ mod serve;
 mod settings;
 mod stats;
 mod submit;
+mod token;
 
 use args::{Cli, Command, LogFormat};
 use clap::Parser;
@@ -28,12 +29,13 @@ fn main() -> ExitCode {
     let command = Cli::parse().command;
     match &command {
         Command::Serve(args) => log::start("info", args.log_format),
-        Command::Render(_) | Command::Submit(_) => log::start("warn", LogFormat::Text),
+        Command::Render(_) | Command::Submit(_) | Command::Token(_) => log::start("warn", LogFormat::Text),
     }
     let result = match command {
         Command::Render(args) => render::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
+        Command::Token(args) => token::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

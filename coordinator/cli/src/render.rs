@@ -10,7 +10,9 @@ use anyhow::{Context, Result, bail};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::{Config, Coordinator};
 use photonfarm_proto::job::JobStatus;
-use photonfarm_worker::{BundleFiles, CancellationToken, CoreScene, LoadedScene, Renderer, Worker, WorkerConfig};
+use photonfarm_worker::{
+    BundleFiles, CancellationToken, CoreScene, Credentials, LoadedScene, Renderer, Worker, WorkerConfig,
+};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -75,7 +77,7 @@ async fn render(
         renderer: Arc::new(Ready(Arc::new(scene))),
         ..WorkerConfig::new(coordinator.url(), folder.join("scenes"))
     })?;
-    let client = Client::new(&coordinator.url())?;
+    let client = Client::new(&coordinator.url(), Credentials::default())?;
     let drain = CancellationToken::new();
     let mut work = tokio::spawn(worker.run(drain.clone()));
     let picture = async {

@@ -2,7 +2,7 @@
 
 use crate::args::ServeArgs;
 use anyhow::{Context, Result, anyhow};
-use photonfarm_coordinator::{Config, Coordinator};
+use photonfarm_coordinator::{Config, Coordinator, TlsFiles};
 use std::io::{ErrorKind, Write};
 use tokio::net::TcpListener;
 
@@ -27,7 +27,12 @@ async fn serve(args: ServeArgs) -> Result<()> {
         })?;
     let stop = stop_signal()?;
     let config = Config {
-        insecure_listen: args.insecure_listen,
+        tls: args
+            .tls_cert
+            .zip(args.tls_key)
+            .map(|(certificate, key)| TlsFiles { certificate, key }),
+        rate: args.rate.get(),
+        connections: args.connections.get(),
         ..Config::new(&args.data)
     };
     let coordinator = Coordinator::start(config, listener)

@@ -1,8 +1,13 @@
 //! Who may do what: tokens, their roles and quotas.
 
+mod gate;
+mod rate;
 mod token;
+mod tokens;
 
+pub(crate) use gate::Gate;
 pub use token::{Secret, TokenRecord};
+pub use tokens::Tokens;
 
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{Quota, Role};

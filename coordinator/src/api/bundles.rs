@@ -1,6 +1,7 @@
 //! Scenes arrive: the manifest, then the files that are missing.
 
-use super::extract::{By, Id, JsonBody};
+use super::extract::{Id, JsonBody};
+use super::guard::By;
 use super::{ApiError, App};
 use crate::service::ServiceError;
 use axum::Json;

@@ -1,7 +1,6 @@
 //! Requests as types; whatever cannot be read becomes a problem that names where.
 
 use super::{ApiError, App};
-use crate::access::Caller;
 use axum::body::to_bytes;
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::request::Parts;
@@ -101,20 +100,6 @@ async fn read_body(request: Request, limit: usize, name: &str) -> Result<axum::b
         }
         .into()
     })
-}
-
-/// Who sent the request.
-pub(super) struct By(pub(super) Caller);
-
-impl FromRequestParts<App> for By {
-    type Rejection = ApiError;
-
-    async fn from_request_parts(parts: &mut Parts, _: &App) -> Result<Self, ApiError> {
-        let known = parts.extensions.get::<Caller>().cloned();
-        Ok(Self(known.ok_or_else(|| {
-            Problem::new(ErrorCode::Internal, "nobody knows who asks")
-        })?))
-    }
 }
 
 /// The variable part of a path.

@@ -1,6 +1,7 @@
 //! Jobs: submit, follow, cancel, look at.
 
-use super::extract::{By, Id, JsonBody, Params};
+use super::extract::{Id, JsonBody, Params};
+use super::guard::{By, Steered};
 use super::{ApiError, App};
 use crate::service::ImageFormat;
 use axum::Json;
@@ -87,7 +88,7 @@ pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Res
     post, path = "/v1/jobs/{id}/cancel", params(("id" = JobId, Path)),
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
-pub(super) async fn cancel(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobStatus>, ApiError> {
+pub(super) async fn cancel(State(service): State<App>, Steered(id): Steered) -> Result<Json<JobStatus>, ApiError> {
     Ok(Json(service.cancel_job(id).await?))
 }
 

@@ -159,6 +159,11 @@ impl Service {
         }
     }
 
+    /// Name of the token that the job was submitted with.
+    pub async fn owner(&self, id: JobId) -> Result<String, ServiceError> {
+        Ok(self.find_job(id).await?.head().owner.clone())
+    }
+
     /// A page of jobs, newest first.
     pub async fn list_jobs(&self, cursor: Option<&str>, limit: Option<u32>) -> Result<JobPage, ServiceError> {
         let bad = |_| Problem::new(ErrorCode::Malformed, "cursor: not one that this service gave").at("cursor", None);

@@ -23,11 +23,16 @@ pub(crate) struct Farm {
 
 impl Farm {
     pub(crate) async fn start() -> Self {
+        Self::start_with(|_| {}).await
+    }
+
+    pub(crate) async fn start_with(change: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut config = Config::new(folder.path());
         config.limits.json_bytes = 4096;
         config.limits.pixels = 1000;
         config.limits.iterations = 100;
+        change(&mut config);
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let coordinator = Coordinator::start(config, listener).await.unwrap();
         Self {

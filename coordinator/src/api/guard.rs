@@ -1,0 +1,88 @@
+//! Every request passes here: who sends it, and whether the route is for them.
+
+use super::extract::Id;
+use super::{ApiError, App};
+use crate::access::{Caller, Gate};
+use crate::server::Peer;
+use axum::extract::{FromRequestParts, Request, State};
+use axum::http::header::AUTHORIZATION;
+use axum::http::request::Parts;
+use axum::middleware::Next;
+use axum::response::Response;
+use photonfarm_proto::id::JobId;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::token::Role;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+
+/// Finds out who sends the request.
+pub(super) async fn identify(
+    State(gate): State<Arc<Gate>>,
+    mut request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let peer = request.extensions().get::<Peer>();
+    let peer = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
+    let header = request
+        .headers()
+        .get(AUTHORIZATION)
+        .map(|value| value.to_str().unwrap_or(""));
+    if let Some(caller) = gate.admit(header, peer).await? {
+        request.extensions_mut().insert(caller);
+    }
+    Ok(next.run(request).await)
+}
+
+/// Lets those pass who have one of the roles.
+pub(super) async fn need(
+    State(roles): State<&'static [Role]>,
+    request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let caller = request.extensions().get::<Caller>();
+    if caller.is_some_and(|caller| roles.iter().any(|role| caller.role.includes(*role))) {
+        return Ok(next.run(request).await);
+    }
+    let names: Vec<String> = roles.iter().map(|role| format!("`{role}`")).collect();
+    let needed = format!("this needs a token with the role {}", names.join(" or "));
+    Err(match caller {
+        Some(caller) => {
+            let detail = format!("{needed}; the token {:?} has the role `{}`", caller.name, caller.role);
+            Problem::new(ErrorCode::Forbidden, detail)
+        }
+        None => {
+            let detail = format!("{needed}, sent as `Authorization: Bearer TOKEN`");
+            Problem::new(ErrorCode::Unauthorized, detail)
+        }
+    }
+    .into())
+}
+
+/// Who sent the request, on a route that asks for a role.
+pub(super) struct By(pub(super) Caller);
+
+impl FromRequestParts<App> for By {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &App) -> Result<Self, ApiError> {
+        let unknown = || Problem::new(ErrorCode::Unauthorized, "this needs a token");
+        Ok(Self(parts.extensions.get::<Caller>().cloned().ok_or_else(unknown)?))
+    }
+}
+
+/// The job of the path, which the sender may steer: its own, or any for an administrator.
+pub(super) struct Steered(pub(super) JobId);
+
+impl FromRequestParts<App> for Steered {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, service: &App) -> Result<Self, ApiError> {
+        let Id(id) = Id::<JobId>::from_request_parts(parts, service).await?;
+        let By(caller) = By::from_request_parts(parts, service).await?;
+        if caller.role != Role::Admin && service.owner(id).await? != caller.name {
+            let detail = format!("job {id} was not submitted with the token {:?}", caller.name);
+            return Err(Problem::new(ErrorCode::Forbidden, detail).into());
+        }
+        Ok(Self(id))
+    }
+}

@@ -1,0 +1,351 @@
+//! Tokens: roles, quotas, rates.
+
+use crate::support::{Farm, SCENE, expect_problem};
+use photonfarm_coordinator::access::Tokens;
+use photonfarm_coordinator::{Config, Coordinator, StartError, open_stores};
+use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
+use photonfarm_proto::id::BlobHash;
+use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::token::{NewToken, Quota, Role, TokenList, TokenRequest};
+use reqwest::{Method, RequestBuilder, Response, StatusCode};
+use serde_json::{Value, json};
+use tokio::net::TcpListener;
+
+fn request(name: &str, role: Role) -> TokenRequest {
+    TokenRequest {
+        name: name.into(),
+        role,
+        expires_in_s: None,
+        quota: Quota::default(),
+    }
+}
+
+/// A farm with an administrator's token.
+struct Closed {
+    farm: Farm,
+    admin: String,
+}
+
+impl Closed {
+    async fn start() -> Self {
+        let farm = Farm::start().await;
+        let reply = farm
+            .post_json("tokens", &json!({"name": "boss", "role": "admin"}))
+            .await;
+        assert_eq!(reply.status(), StatusCode::CREATED);
+        let admin = reply.json::<NewToken>().await.unwrap().token;
+        Self { farm, admin }
+    }
+
+    async fn token(&self, request: &TokenRequest) -> String {
+        let reply = self.by(&self.admin, Method::POST, "tokens").json(request);
+        let reply = reply.send().await.unwrap();
+        assert_eq!(reply.status(), StatusCode::CREATED);
+        reply.json::<NewToken>().await.unwrap().token
+    }
+
+    fn by(&self, token: &str, method: Method, path: &str) -> RequestBuilder {
+        self.farm.request(method, path).bearer_auth(token)
+    }
+
+    async fn submit(&self, token: &str, iterations: u32) -> Response {
+        let files = [("scene.xml".to_owned(), FileEntry::of(SCENE))].into();
+        let manifest = BundleManifest { files };
+        let reply = self.by(token, Method::POST, "bundles").json(&manifest).send().await;
+        assert_eq!(reply.unwrap().status(), StatusCode::OK);
+        let path = format!("blobs/{}", BlobHash::of(SCENE));
+        let put = self.by(token, Method::PUT, &path).body(SCENE).send().await;
+        assert!(put.unwrap().status().is_success());
+        let spec = json!({"scene": manifest.hash(), "main": "scene.xml", "integrator": {"type": "path"},
+            "iterations": iterations});
+        self.by(token, Method::POST, "jobs").json(&spec).send().await.unwrap()
+    }
+}
+
+/// Routes with the roles that they are for, besides `admin`.
+const ROUTES: [(&str, &str, &[Role]); 20] = [
+    ("GET", "jobs", &[Role::Read, Role::Submit]),
+    ("GET", "jobs/1", &[Role::Read, Role::Submit]),
+    ("GET", "jobs/1/image.exr", &[Role::Read, Role::Submit]),
+    ("GET", "jobs/1/image.png", &[Role::Read, Role::Submit]),
+    ("GET", "jobs/99/events", &[Role::Read, Role::Submit]),
+    ("GET", "workers", &[Role::Read, Role::Submit]),
+    ("GET", "openapi.json", &[Role::Read, Role::Submit]),
+    ("GET", "bundles/00", &[Role::Read, Role::Submit, Role::Worker]),
+    ("GET", "blobs/00", &[Role::Read, Role::Submit, Role::Worker]),
+    ("POST", "bundles", &[Role::Submit]),
+    ("PUT", "blobs/00", &[Role::Submit]),
+    ("POST", "jobs", &[Role::Submit]),
+    ("POST", "worker/register", &[Role::Worker]),
+    ("POST", "worker/lease", &[Role::Worker]),
+    ("POST", "worker/nodes", &[Role::Worker]),
+    ("POST", "worker/heartbeat", &[Role::Worker]),
+    ("POST", "worker/leave", &[Role::Worker]),
+    ("POST", "tokens", &[]),
+    ("GET", "tokens", &[]),
+    ("DELETE", "tokens/none", &[]),
+];
+
+#[tokio::test]
+async fn every_route_asks_for_its_role() {
+    let closed = Closed::start().await;
+    let mut tokens = vec![(Role::Admin, closed.admin.clone())];
+    for role in [Role::Read, Role::Submit, Role::Worker] {
+        tokens.push((role, closed.token(&request(&role.to_string(), role)).await));
+    }
+    for (method, path, roles) in ROUTES {
+        let method: Method = method.parse().unwrap();
+        let bare = closed.farm.request(method.clone(), path).send().await.unwrap();
+        assert_eq!(bare.headers()["www-authenticate"], "Bearer");
+        let problem = expect_problem(bare, ErrorCode::Unauthorized).await;
+        assert!(problem.detail.contains("Authorization: Bearer"), "{problem}");
+        for (role, token) in &tokens {
+            let reply = closed.by(token, method.clone(), path).send().await.unwrap();
+            if *role == Role::Admin || roles.contains(role) {
+                let status = reply.status();
+                assert!(
+                    ![StatusCode::UNAUTHORIZED, StatusCode::FORBIDDEN].contains(&status),
+                    "{role} {path}"
+                );
+                continue;
+            }
+            let problem = expect_problem(reply, ErrorCode::Forbidden).await;
+            let needed = roles.first().unwrap_or(&Role::Admin);
+            assert!(problem.detail.contains(&format!("`{needed}`")), "{problem}");
+            assert!(problem.detail.contains(&format!("the role `{role}`")), "{problem}");
+        }
+    }
+    assert_eq!(closed.farm.get("healthz").await.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn tokens_that_are_not_valid_are_refused() {
+    let closed = Closed::start().await;
+    let read = closed.token(&request("reader", Role::Read)).await;
+    let brief = TokenRequest {
+        expires_in_s: Some(0),
+        ..request("brief", Role::Read)
+    };
+    let expired = closed.token(&brief).await;
+    let longer = format!("{read}0");
+    for bad in ["", "phf_00", &read[..read.len() - 1], &longer, &read.to_uppercase()] {
+        let reply = closed.by(bad, Method::GET, "jobs").send().await.unwrap();
+        expect_problem(reply, ErrorCode::Unauthorized).await;
+    }
+    let reply = closed.by(&expired, Method::GET, "jobs").send().await.unwrap();
+    assert!(
+        expect_problem(reply, ErrorCode::Unauthorized)
+            .await
+            .detail
+            .contains("expired")
+    );
+    let jobs = |token: String| closed.by(&token, Method::GET, "jobs").send();
+    assert_eq!(jobs(read.clone()).await.unwrap().status(), StatusCode::OK);
+    let revoke = closed.by(&closed.admin, Method::DELETE, "tokens/reader").send();
+    assert_eq!(revoke.await.unwrap().status(), StatusCode::NO_CONTENT);
+    expect_problem(jobs(read).await.unwrap(), ErrorCode::Unauthorized).await;
+}
+
+#[tokio::test]
+async fn a_farm_keeps_an_administrator_and_no_secrets() {
+    let farm = Farm::start().await;
+    let reply = farm.post_json("tokens", &json!({"name": "w", "role": "worker"})).await;
+    expect_problem(reply, ErrorCode::Invalid).await;
+    let closed = Closed::start().await;
+    let twice = closed.by(&closed.admin, Method::POST, "tokens");
+    let twice = twice.json(&request("boss", Role::Read)).send().await.unwrap();
+    assert_eq!(
+        expect_problem(twice, ErrorCode::Invalid).await.field.as_deref(),
+        Some("name")
+    );
+    let last = closed
+        .by(&closed.admin, Method::DELETE, "tokens/boss")
+        .send()
+        .await
+        .unwrap();
+    expect_problem(last, ErrorCode::Invalid).await;
+    let none = closed
+        .by(&closed.admin, Method::DELETE, "tokens/none")
+        .send()
+        .await
+        .unwrap();
+    expect_problem(none, ErrorCode::NotFound).await;
+    let list = closed.by(&closed.admin, Method::GET, "tokens").send().await.unwrap();
+    let text = list.text().await.unwrap();
+    assert!(!text.contains(&closed.admin[4..]));
+    assert_eq!(serde_json::from_str::<TokenList>(&text).unwrap().tokens.len(), 1);
+    let folder = closed.farm._folder.path().to_owned();
+    closed.farm.coordinator.shutdown().await;
+    let contains = |bytes: &[u8]| bytes.windows(32).any(|part| part == &closed.admin.as_bytes()[4..36]);
+    for file in ["farm.sqlite", "farm.sqlite-wal"] {
+        let bytes = std::fs::read(folder.join(file)).unwrap_or_default();
+        assert!(!contains(&bytes), "{file} holds the token in clear");
+    }
+}
+
+#[tokio::test]
+async fn quotas_hold_and_say_how_much_is_used() {
+    let closed = Closed::start().await;
+    let quota = Quota {
+        jobs: Some(2),
+        bundle_bytes: Some(SCENE.len() as u64 + 3),
+        iterations: Some(10),
+    };
+    let ann = closed
+        .token(&TokenRequest {
+            quota,
+            ..request("ann", Role::Submit)
+        })
+        .await;
+    assert_eq!(closed.submit(&ann, 4).await.status(), StatusCode::CREATED);
+    let problem = expect_problem(closed.submit(&ann, 7).await, ErrorCode::Quota).await;
+    assert!(problem.detail.contains("`iterations`") && problem.detail.contains("is 10; this would make 11"));
+    assert_eq!(closed.submit(&ann, 5).await.status(), StatusCode::CREATED);
+    let problem = expect_problem(closed.submit(&ann, 1).await, ErrorCode::Quota).await;
+    assert!(problem.detail.contains("`jobs`"), "{problem}");
+    let cancel = closed.by(&ann, Method::POST, "jobs/1/cancel").send().await.unwrap();
+    assert_eq!(cancel.status(), StatusCode::OK);
+    assert_eq!(closed.submit(&ann, 1).await.status(), StatusCode::CREATED);
+    let more = json!({"files": {"more": {"hash": BlobHash::of(b"more"), "bytes": 4}}});
+    let reply = closed
+        .by(&ann, Method::POST, "bundles")
+        .json(&more)
+        .send()
+        .await
+        .unwrap();
+    let problem = expect_problem(reply, ErrorCode::Quota).await;
+    assert!(problem.detail.contains("`bundle_bytes`"), "{problem}");
+    assert_eq!(closed.submit(&closed.admin, 50).await.status(), StatusCode::CREATED);
+    let list = closed.by(&closed.admin, Method::GET, "tokens").send().await.unwrap();
+    let list: TokenList = list.json().await.unwrap();
+    let ann = &list.tokens[0];
+    assert_eq!((ann.usage.jobs, ann.usage.iterations), (2, 10));
+    assert_eq!(ann.usage.bundle_bytes, SCENE.len() as u64);
+}
+
+#[tokio::test]
+async fn a_job_is_steered_by_its_owner_or_an_administrator() {
+    let closed = Closed::start().await;
+    let ann = closed.token(&request("ann", Role::Submit)).await;
+    let bob = closed.token(&request("bob", Role::Submit)).await;
+    for _ in 0..2 {
+        assert_eq!(closed.submit(&ann, 4).await.status(), StatusCode::CREATED);
+    }
+    for (method, path) in [(Method::POST, "jobs/1/cancel"), (Method::DELETE, "jobs/1")] {
+        let reply = closed.by(&bob, method, path).send().await.unwrap();
+        expect_problem(reply, ErrorCode::Forbidden).await;
+    }
+    for (token, path) in [(&ann, "jobs/1"), (&closed.admin, "jobs/2")] {
+        let reply = closed.by(token, Method::DELETE, path).send().await.unwrap();
+        assert_eq!(reply.json::<Value>().await.unwrap()["state"], "cancelled");
+    }
+}
+
+#[tokio::test]
+async fn idempotency_keys_of_two_tokens_never_meet() {
+    let closed = Closed::start().await;
+    let mut ids = Vec::new();
+    for name in ["ann", "bob", "ann"] {
+        let known = closed
+            .farm
+            .http
+            .get(format!("{}/v1/healthz", closed.farm.coordinator.url()));
+        assert!(known.send().await.is_ok());
+        let token = match ids.len() {
+            2 => ids.first().map(|(token, _): &(String, u64)| token.clone()).unwrap(),
+            _ => closed.token(&request(name, Role::Submit)).await,
+        };
+        closed.submit(&token, 1).await;
+        let files = [("scene.xml".to_owned(), FileEntry::of(SCENE))].into();
+        let spec = json!({"scene": BundleManifest { files }.hash(), "main": "scene.xml",
+            "integrator": {"type": "path"}, "iterations": 2});
+        let reply = closed
+            .by(&token, Method::POST, "jobs")
+            .header("idempotency-key", "same");
+        let job: Value = reply.json(&spec).send().await.unwrap().json().await.unwrap();
+        ids.push((token, job["id"].as_u64().unwrap()));
+    }
+    assert_ne!(ids[0].1, ids[1].1);
+    assert_eq!(ids[0].1, ids[2].1);
+}
+
+#[tokio::test]
+async fn requests_beyond_the_rate_wait() {
+    let farm = Farm::start_with(|config| config.rate = 3).await;
+    let reply = farm
+        .post_json("tokens", &json!({"name": "boss", "role": "admin"}))
+        .await;
+    let admin = reply.json::<NewToken>().await.unwrap().token;
+    let mut refused = None;
+    for _ in 0..100 {
+        let reply = farm
+            .request(Method::GET, "jobs")
+            .bearer_auth(&admin)
+            .send()
+            .await
+            .unwrap();
+        if reply.status() == StatusCode::TOO_MANY_REQUESTS {
+            refused = Some(reply);
+            break;
+        }
+    }
+    let refused = refused.expect("a hundred requests were answered at once");
+    assert_eq!(refused.headers()["retry-after"], "1");
+    let problem = expect_problem(refused, ErrorCode::TooManyRequests).await;
+    assert!(problem.retryable && problem.detail.contains("\"boss\""), "{problem}");
+    let mut guesses = 0;
+    while farm
+        .request(Method::GET, "jobs")
+        .bearer_auth("phf_0")
+        .send()
+        .await
+        .unwrap()
+        .status()
+        == 401
+    {
+        guesses += 1;
+        assert!(guesses < 1000, "guesses are not limited");
+    }
+}
+
+#[tokio::test]
+async fn a_farm_without_tokens_stays_on_its_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    let listener = async || TcpListener::bind("0.0.0.0:0").await.unwrap();
+    let bare = Coordinator::start(Config::new(folder.path()), listener().await).await;
+    assert!(matches!(bare, Err(StartError::NoToken(_))));
+    drop(bare);
+    let stores = open_stores(folder.path()).unwrap();
+    let made = Tokens::new(stores.state.clone())
+        .create(request("boss", Role::Admin))
+        .await
+        .unwrap();
+    drop(stores);
+    let coordinator = Coordinator::start(Config::new(folder.path()), listener().await)
+        .await
+        .unwrap();
+    let url = format!("http://127.0.0.1:{}/v1/jobs", coordinator.address().port());
+    let http = reqwest::Client::builder().no_proxy().build().unwrap();
+    let reply = http.get(&url).send().await.unwrap();
+    expect_problem(reply, ErrorCode::Unauthorized).await;
+    let reply = http.get(&url).bearer_auth(&made.token).send().await.unwrap();
+    assert_eq!(reply.status(), StatusCode::OK);
+    coordinator.shutdown().await;
+}
+
+#[tokio::test]
+async fn a_worker_cannot_look_around() {
+    let closed = Closed::start().await;
+    let worker = closed.token(&request("w", Role::Worker)).await;
+    let reply = closed.by(&worker, Method::POST, "worker/register");
+    let reply = reply
+        .header("content-type", MESSAGE_MEDIA_TYPE)
+        .body("x")
+        .send()
+        .await
+        .unwrap();
+    expect_problem(reply, ErrorCode::Malformed).await;
+    let reply = closed.by(&worker, Method::GET, "jobs").send().await.unwrap();
+    expect_problem(reply, ErrorCode::Forbidden).await;
+}

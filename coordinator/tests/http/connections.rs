@@ -1,0 +1,223 @@
+//! Connections: encrypted, slow, and too many.
+
+use crate::support::Farm;
+use photonfarm_coordinator::{Config, Coordinator, StartError, TlsError, TlsFiles};
+use reqwest::{Certificate, Client, StatusCode};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+
+/// Within which everything here must happen.
+const DEADLINE: Duration = Duration::from_secs(20);
+
+/// A certificate for 127.0.0.1 that is its own authority.
+fn certificate(folder: &Path) -> (TlsFiles, Certificate) {
+    let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
+    let files = TlsFiles {
+        certificate: folder.join("farm.pem"),
+        key: folder.join("farm.key"),
+    };
+    std::fs::write(&files.certificate, made.cert.pem()).unwrap();
+    std::fs::write(&files.key, made.signing_key.serialize_pem()).unwrap();
+    let authority = Certificate::from_pem(made.cert.pem().as_bytes()).unwrap();
+    (files, authority)
+}
+
+fn client(authority: Option<&Certificate>) -> Client {
+    let builder = Client::builder().no_proxy().tls_built_in_root_certs(false);
+    match authority {
+        Some(authority) => builder.add_root_certificate(authority.clone()),
+        None => builder,
+    }
+    .build()
+    .unwrap()
+}
+
+async fn encrypted() -> (TempDir, Farm, Certificate) {
+    let folder = tempfile::tempdir().unwrap();
+    let (files, authority) = certificate(folder.path());
+    let farm = Farm::start_with(|config| config.tls = Some(files)).await;
+    (folder, farm, authority)
+}
+
+#[tokio::test]
+async fn an_encrypted_farm_is_known_by_its_certificate() {
+    let (_folder, farm, authority) = encrypted().await;
+    let url = format!("{}/v1/healthz", farm.coordinator.url());
+    assert!(url.starts_with("https://"));
+    let reply = client(Some(&authority)).get(&url).send().await.unwrap();
+    assert_eq!(reply.status(), StatusCode::OK);
+    let (_other, stranger) = certificate(tempfile::tempdir().unwrap().path());
+    for client in [client(None), client(Some(&stranger))] {
+        assert!(client.get(&url).send().await.unwrap_err().is_connect());
+    }
+    let plain = url.replacen("https", "http", 1);
+    assert!(client(None).get(plain).send().await.is_err());
+    assert_eq!(
+        client(Some(&authority)).get(&url).send().await.unwrap().status(),
+        StatusCode::OK
+    );
+}
+
+#[tokio::test]
+async fn an_encrypted_farm_ends_in_good_order() {
+    let (_folder, farm, authority) = encrypted().await;
+    let url = format!("{}/v1/jobs", farm.coordinator.url());
+    let job = farm_job(&farm, &client(Some(&authority))).await;
+    let events = client(Some(&authority))
+        .get(format!("{url}/{job}/events"))
+        .send()
+        .await
+        .unwrap();
+    let began = Instant::now();
+    farm.coordinator.shutdown().await;
+    assert!(
+        began.elapsed() < Duration::from_secs(9),
+        "the shutdown had to cut connections off"
+    );
+    let text = events.text().await.unwrap();
+    assert!(text.starts_with("event: status"), "{text}");
+    assert!(client(Some(&authority)).get(url).send().await.is_err());
+}
+
+async fn farm_job(farm: &Farm, client: &Client) -> u64 {
+    let url = farm.coordinator.url();
+    let hash = photonfarm_proto::id::BlobHash::of(b"x");
+    let manifest = serde_json::json!({"files": {"scene.xml": {"hash": hash, "bytes": 1}}});
+    let reply = client
+        .post(format!("{url}/v1/bundles"))
+        .json(&manifest)
+        .send()
+        .await
+        .unwrap();
+    let reply: serde_json::Value = reply.json().await.unwrap();
+    let put = client
+        .put(format!("{url}/v1/blobs/{hash}"))
+        .body("x")
+        .send()
+        .await
+        .unwrap();
+    assert_eq!(put.status(), StatusCode::CREATED);
+    let spec = serde_json::json!({"scene": reply["bundle"], "main": "scene.xml", "integrator": {"type": "path"},
+        "iterations": 1});
+    let job = client.post(format!("{url}/v1/jobs")).json(&spec).send().await.unwrap();
+    job.json::<serde_json::Value>().await.unwrap()["id"].as_u64().unwrap()
+}
+
+#[tokio::test]
+async fn certificates_that_cannot_be_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let (files, _) = certificate(folder.path());
+    let other = tempfile::tempdir().unwrap();
+    let (others, _) = certificate(other.path());
+    std::fs::write(folder.path().join("empty"), "").unwrap();
+    let start = async |certificate: &Path, key: &Path| {
+        let tls = TlsFiles {
+            certificate: certificate.to_owned(),
+            key: key.to_owned(),
+        };
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let config = Config {
+            tls: Some(tls),
+            ..Config::new(folder.path().join("farm"))
+        };
+        match Coordinator::start(config, listener).await {
+            Err(StartError::Tls(error)) => error,
+            Err(error) => panic!("{error}"),
+            Ok(_) => panic!("started"),
+        }
+    };
+    for (certificate, key, named) in [
+        (&folder.path().join("none"), &files.key, "none"),
+        (&folder.path().join("empty"), &files.key, "empty"),
+        (&files.certificate, &folder.path().join("empty"), "empty"),
+        (&files.certificate, &files.certificate, "farm.pem"),
+        (&files.key, &files.key, "farm.key"),
+    ] {
+        let error = start(certificate, key).await;
+        assert!(
+            matches!(&error, TlsError::File { .. }) && error.to_string().contains(named),
+            "{error}"
+        );
+    }
+    assert!(matches!(
+        start(&files.certificate, &others.key).await,
+        TlsError::Pair { .. }
+    ));
+}
+
+/// Sends bytes and waits until the farm closes the connection; returns what it said.
+async fn hang(farm: &Farm, bytes: &[u8]) -> String {
+    let mut stream = TcpStream::connect(farm.coordinator.address()).await.unwrap();
+    stream.write_all(bytes).await.unwrap();
+    let mut said = Vec::new();
+    let closed = tokio::time::timeout(DEADLINE, stream.read_to_end(&mut said)).await;
+    assert!(closed.is_ok(), "the connection was held open");
+    String::from_utf8_lossy(&said).into_owned()
+}
+
+fn impatient(config: &mut Config) {
+    config.timeouts.head = Duration::from_millis(300);
+    config.timeouts.stall = Duration::from_millis(300);
+    config.timeouts.handshake = Duration::from_millis(300);
+}
+
+#[tokio::test]
+async fn peers_that_dawdle_are_cut_off() {
+    let farm = Farm::start_with(impatient).await;
+    hang(&farm, b"").await;
+    hang(&farm, b"GET /v1/healthz HT").await;
+    hang(&farm, b"GET /v1/healthz HTTP/1.1\r\nhost: x\r\nx: ").await;
+    let post = "POST /v1/jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\n";
+    let said = hang(&farm, format!("{post}content-length: 100\r\n\r\n{{").as_bytes()).await;
+    assert!(said.starts_with("HTTP/1.1 400") && said.contains("malformed"), "{said}");
+    let said = hang(
+        &farm,
+        format!("{post}transfer-encoding: chunked\r\n\r\n1\r\n{{\r\n").as_bytes(),
+    )
+    .await;
+    assert!(said.starts_with("HTTP/1.1 400"), "{said}");
+    assert_eq!(farm.get("healthz").await.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn handshakes_that_dawdle_are_cut_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let (files, _) = certificate(folder.path());
+    let farm = Farm::start_with(|config| {
+        impatient(config);
+        config.tls = Some(files);
+    })
+    .await;
+    hang(&farm, b"").await;
+    hang(&farm, &[0x16, 0x03, 0x01, 0x02]).await;
+}
+
+#[tokio::test]
+async fn connections_beyond_the_limit_wait_for_a_place() {
+    let farm = Farm::start_with(|config| config.connections = 2).await;
+    let request = b"GET /v1/healthz HTTP/1.1\r\nhost: x\r\n\r\n";
+    let mut held = Vec::new();
+    for _ in 0..2 {
+        let mut stream = TcpStream::connect(farm.coordinator.address()).await.unwrap();
+        stream.write_all(request).await.unwrap();
+        let mut said = [0; 12];
+        stream.read_exact(&mut said).await.unwrap();
+        assert_eq!(&said, b"HTTP/1.1 200");
+        held.push(stream);
+    }
+    let mut third = TcpStream::connect(farm.coordinator.address()).await.unwrap();
+    third.write_all(request).await.unwrap();
+    let mut said = [0; 12];
+    let early = tokio::time::timeout(Duration::from_millis(300), third.read_exact(&mut said)).await;
+    assert!(early.is_err(), "a third connection was served");
+    held.pop();
+    let served = tokio::time::timeout(DEADLINE, third.read_exact(&mut said)).await;
+    assert!(
+        served.is_ok_and(|read| read.is_ok()),
+        "a place that is free again was not given"
+    );
+    assert_eq!(&said, b"HTTP/1.1 200");
+}

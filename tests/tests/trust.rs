@@ -1,0 +1,179 @@
+//! A farm that asks for tokens and encrypts its connections, by its real programs.
+
+use photonfarm_proto::token::Role;
+use photonfarm_tests::processes::{Process, photonfarm, scene, serve};
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// A stopped farm, its certificate, and what clients need.
+struct Ground {
+    folder: tempfile::TempDir,
+}
+
+impl Ground {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
+        std::fs::write(folder.path().join("farm.pem"), made.cert.pem()).unwrap();
+        std::fs::write(folder.path().join("farm.key"), made.signing_key.serialize_pem()).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+
+    /// Makes a token and keeps it in the file `NAME.token`.
+    fn token(&self, name: &str, role: Role, place: &[&str]) -> String {
+        let role = role.to_string();
+        let arguments = [&["token", "create", name, "--role", &role], place].concat();
+        let output = photonfarm(&arguments);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        std::fs::write(self.path(&format!("{name}.token")), &output.stdout).unwrap();
+        text(&output.stdout).trim().to_owned()
+    }
+}
+
+fn refused(output: &Output, reasons: &[&str]) {
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    for reason in reasons {
+        assert!(message.contains(reason), "{reason:?} is not in {message:?}");
+    }
+}
+
+#[test]
+fn a_farm_with_tokens_and_a_certificate_renders() {
+    let ground = Ground::new();
+    let data = ground.name("farm");
+    let boss = ground.token("boss", Role::Admin, &["--data", &data]);
+    let (certificate, key) = (ground.name("farm.pem"), ground.name("farm.key"));
+    let more = ["--tls-cert", &certificate, "--tls-key", &key];
+    let (coordinator, url) = serve(Path::new(&data), "127.0.0.1:0", &more);
+    assert!(url.starts_with("https://"), "{url}");
+
+    refused(
+        &photonfarm(&["token", "list", "--data", &data]),
+        &["while a coordinator runs on it"],
+    );
+    let boss_file = ground.name("boss.token");
+    let farm = ["--coordinator", &url, "--token-file", &boss_file, "--ca", &certificate];
+    let rack = ground.token("rack", Role::Worker, &farm);
+    let ann = ground.token("ann", Role::Submit, &[&farm[..], &["--most-iterations", "20"]].concat());
+    let list = photonfarm(&[&["token", "list"], &farm[..]].concat());
+    let list = text(&list.stdout);
+    assert!(
+        list.contains("ann  submit") && list.contains("iterations: 0 of 20"),
+        "{list}"
+    );
+
+    let rack_file = ground.name("rack.token");
+    let worker = [
+        "--coordinator",
+        &url,
+        "--token-file",
+        &rack_file,
+        "--ca",
+        &certificate,
+        "--threads",
+        "1",
+    ];
+    let cache = ground.name("cache");
+    let worker = Process::start("photonfarm-worker", &[&worker[..], &["--cache", &cache]].concat());
+
+    let (scene, picture, ann_file) = (
+        scene("constant.xml"),
+        ground.name("image.exr"),
+        ground.name("ann.token"),
+    );
+    let submit = |token: &str, authority: &[&str], iterations: &str| {
+        let job = [
+            "submit",
+            scene.to_str().unwrap(),
+            "--coordinator",
+            &url,
+            "--token-file",
+            token,
+        ];
+        let how = ["--iterations", iterations, "--wait", "-o", &picture];
+        photonfarm(&[&job[..], authority, &how[..]].concat())
+    };
+    let trusted = ["--ca", &certificate];
+    let output = submit(&ann_file, &trusted, "8");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(Path::new(&picture).exists());
+    refused(
+        &submit(&ann_file, &trusted, "13"),
+        &["quota", "is 20; this would make 21"],
+    );
+    refused(
+        &submit(&rack_file, &trusted, "1"),
+        &["`submit`", "has the role `worker`"],
+    );
+    refused(&submit(&ann_file, &[], "1"), &["no coordinator answers"]);
+    let revoked = photonfarm(&[&["token", "revoke", "ann"], &farm[..]].concat());
+    assert!(revoked.status.success(), "{}", text(&revoked.stderr));
+    refused(&submit(&ann_file, &trusted, "1"), &["not valid"]);
+
+    let mut said = String::new();
+    for process in [worker, coordinator] {
+        process.signal("TERM");
+        let (status, output, errors) = process.finish();
+        assert!(status.success(), "{errors}");
+        said += &format!("{output}{errors}");
+    }
+    assert!(said.contains("token revoked"), "{said}");
+    for token in [boss, rack, ann] {
+        assert!(token.starts_with("phf_") && token.len() == 68);
+        assert!(!said.contains(&token[4..]), "a log shows a token");
+    }
+}
+
+#[test]
+fn a_farm_without_tokens_does_not_listen_for_other_machines() {
+    let ground = Ground::new();
+    let data = ground.name("farm");
+    let output = photonfarm(&["serve", "--listen", "0.0.0.0:0", "--data", &data]);
+    refused(&output, &["no token yet", "photonfarm token create"]);
+}
+
+#[test]
+fn a_certificate_is_needed_whole() {
+    let ground = Ground::new();
+    let (data, certificate) = (ground.name("farm"), ground.name("farm.pem"));
+    let serve = [
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--data",
+        &data,
+        "--tls-cert",
+        &certificate,
+    ];
+    let missing = ground.name("missing.key");
+    let output = photonfarm(&[&serve[..], &["--tls-key", &missing]].concat());
+    refused(&output, &["missing.key"]);
+}
+
+#[test]
+fn a_worker_without_a_valid_token_says_why() {
+    let ground = Ground::new();
+    let data = ground.name("farm");
+    ground.token("boss", Role::Admin, &["--data", &data]);
+    let (_coordinator, url) = serve(Path::new(&data), "127.0.0.1:0", &[]);
+    let cache = ground.name("cache");
+    let worker = Process::start("photonfarm-worker", &["--coordinator", &url, "--cache", &cache]);
+    let (status, _, errors) = worker.finish();
+    assert!(
+        !status.success() && errors.contains("`worker`") && errors.contains("Bearer"),
+        "{errors}"
+    );
+}
