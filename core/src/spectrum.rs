@@ -18,60 +18,70 @@ impl Spectrum {
 
     /// The same value in every channel.
     #[must_use]
+    #[inline]
     pub const fn splat(v: f32) -> Self {
         Self([v; CHANNELS])
     }
 
     /// From linear Rec. 709 values.
     #[must_use]
+    #[inline]
     pub const fn from_rgb(rgb: [f32; 3]) -> Self {
         Self(rgb)
     }
 
     /// As linear Rec. 709 values.
     #[must_use]
+    #[inline]
     pub const fn to_rgb(self) -> [f32; 3] {
         self.0
     }
 
     /// Applies `f` to each channel.
     #[must_use]
+    #[inline]
     pub fn map(self, mut f: impl FnMut(f32) -> f32) -> Self {
         Self(self.0.map(&mut f))
     }
 
     /// Combines two spectra channel by channel.
     #[must_use]
+    #[inline]
     pub fn zip(self, other: Self, mut f: impl FnMut(f32, f32) -> f32) -> Self {
         Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
     }
 
     /// Luminance by Rec. 709 weights.
     #[must_use]
+    #[inline]
     pub fn luminance(self) -> f32 {
         0.212_671 * self.0[0] + 0.715_160 * self.0[1] + 0.072_169 * self.0[2]
     }
 
     /// The largest channel.
     #[must_use]
+    #[inline]
     pub fn max_component(self) -> f32 {
         self.0.into_iter().fold(f32::NEG_INFINITY, f32::max)
     }
 
     /// The mean over channels.
     #[must_use]
+    #[inline]
     pub fn mean(self) -> f32 {
         self.0.into_iter().sum::<f32>() / CHANNELS as f32
     }
 
     /// Whether every channel is exactly zero.
     #[must_use]
+    #[inline]
     pub fn is_black(self) -> bool {
         self.0 == [0.0; CHANNELS]
     }
 
     /// Whether every channel is finite and not negative.
     #[must_use]
+    #[inline]
     pub fn is_valid(self) -> bool {
         self.0.iter().all(|c| c.is_finite() && *c >= 0.0)
     }
@@ -79,6 +89,7 @@ impl Spectrum {
 
 impl Index<usize> for Spectrum {
     type Output = f32;
+    #[inline]
     fn index(&self, channel: usize) -> &f32 {
         &self.0[channel]
     }
@@ -86,12 +97,14 @@ impl Index<usize> for Spectrum {
 
 impl Add for Spectrum {
     type Output = Self;
+    #[inline]
     fn add(self, rhs: Self) -> Self {
         self.zip(rhs, |a, b| a + b)
     }
 }
 
 impl AddAssign for Spectrum {
+    #[inline]
     fn add_assign(&mut self, rhs: Self) {
         *self = *self + rhs;
     }
@@ -99,6 +112,7 @@ impl AddAssign for Spectrum {
 
 impl Sub for Spectrum {
     type Output = Self;
+    #[inline]
     fn sub(self, rhs: Self) -> Self {
         self.zip(rhs, |a, b| a - b)
     }
@@ -106,6 +120,7 @@ impl Sub for Spectrum {
 
 impl Mul for Spectrum {
     type Output = Self;
+    #[inline]
     fn mul(self, rhs: Self) -> Self {
         self.zip(rhs, |a, b| a * b)
     }
@@ -113,18 +128,21 @@ impl Mul for Spectrum {
 
 impl Mul<f32> for Spectrum {
     type Output = Self;
+    #[inline]
     fn mul(self, rhs: f32) -> Self {
         self.map(|a| a * rhs)
     }
 }
 
 impl MulAssign for Spectrum {
+    #[inline]
     fn mul_assign(&mut self, rhs: Self) {
         *self = *self * rhs;
     }
 }
 
 impl MulAssign<f32> for Spectrum {
+    #[inline]
     fn mul_assign(&mut self, rhs: f32) {
         *self = *self * rhs;
     }
@@ -132,12 +150,14 @@ impl MulAssign<f32> for Spectrum {
 
 impl Div<f32> for Spectrum {
     type Output = Self;
+    #[inline]
     fn div(self, rhs: f32) -> Self {
         self.map(|a| a / rhs)
     }
 }
 
 impl Sum for Spectrum {
+    #[inline]
     fn sum<I: Iterator<Item = Self>>(iter: I) -> Self {
         iter.fold(Self::ZERO, |a, b| a + b)
     }
