@@ -124,7 +124,7 @@ fn query_map(bencher: Bencher) {
     bencher.counter(ItemsCount::new(QUERIES)).bench(|| {
         let mut sum = Spectrum::ZERO;
         for center in &centers {
-            map.query(*center, Vec3::Z, &reach, |n| sum += n.weight());
+            map.query(*center, &reach, |n| sum += n.weight());
         }
         sum
     });

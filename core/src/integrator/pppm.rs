@@ -89,7 +89,7 @@ fn render_batch(
 fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &mut Counts) -> Spectrum {
     let mut sum = Spectrum::ZERO;
     let mut counted = 0;
-    counts.records_read += map.query(vertex.point.position, vertex.wo, reach, |photon| {
+    counts.records_read += map.query(vertex.point.position, reach, |photon| {
         if photon.edges() <= limit {
             counted += 1;
             sum += vertex.eval(photon.direction()) * photon.weight();

@@ -14,6 +14,11 @@ const ROWS: f32 = (1u32 << ROW_BITS) as f32;
 /// Above this sine of its half angle a cone is not narrowed down: it covers most of the faces it touches.
 const WIDE: f32 = 0.94;
 
+/// Least component along a face's axis of the directions on it, that of the cube's corner, rounded down.
+const LEAST_HEIGHT: f32 = 0.577;
+/// Upper bound of the chord of an angle over its sine, up to that of [`WIDE`].
+const CHORD_OVER_SIN: f32 = 1.25;
+
 /// A unit direction in 32 bits: face of the cube (3 bits), row (14 bits) and column (15 bits) of the gnomonic projection.
 #[must_use]
 pub fn encode_direction(d: Vec3) -> u32 {
@@ -110,11 +115,6 @@ pub(super) fn sort_key(code: u32, shift: u32) -> u32 {
     (code >> COLUMN_BITS >> shift) << COLUMN_BITS | column
 }
 
-/// The group of rows that a sort key lies in.
-pub(super) fn row_of(key: u32) -> u32 {
-    key >> COLUMN_BITS
-}
-
 /// A rectangle on a face of the cube; both ends of its ranges belong to it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Window {
@@ -126,6 +126,18 @@ pub(super) struct Window {
 impl Window {
     pub(super) fn face(&self) -> u32 {
         self.face
+    }
+
+    /// Whether it has the column of a direction.
+    pub(super) fn holds_column(&self, code: u32) -> bool {
+        let column = code & ((1 << COLUMN_BITS) - 1);
+        self.columns[0] <= column && column <= self.columns[1]
+    }
+
+    /// The range of sort keys that holds all rows of `2^shift` quantised rows, both ends included.
+    pub(super) fn rows(&self, shift: u32) -> [u32; 2] {
+        let row = |row: u32| (self.face << ROW_BITS | row) >> shift << COLUMN_BITS;
+        [row(self.rows[0]), row(self.rows[1]) | ((1 << COLUMN_BITS) - 1)]
     }
 
     /// Ranges of sort keys, one a row of `2^shift` quantised rows, both ends included.
@@ -191,6 +203,9 @@ impl Windows {
         for face in 0..6 {
             let [along, across, height] = on_axis(direction, face >> 1);
             let height = if face & 1 == 0 { height } else { -height };
+            if sin_theta < WIDE && height + CHORD_OVER_SIN * sin_theta < LEAST_HEIGHT {
+                continue;
+            }
             let ranges = if sin_theta >= WIDE {
                 Some(([-1.0, 1.0], [-1.0, 1.0]))
             } else {

@@ -5,20 +5,23 @@
 //! that point its way by bisection and reads few others. Records are stored in that order, an array for each of their parts. Order depends on the records alone, whatever the number of threads; a record that no query
 //! asks for changes nothing for the others.
 
+mod blocks;
 mod build;
 mod direction;
+mod group;
 mod occupancy;
 mod scan;
 
 pub use direction::{decode_direction, encode_direction};
+pub use group::{Candidate, Candidates, Place};
 pub use occupancy::Occupancy;
 
 use crate::math::{PI, Vec3, sin, warp::one_minus_cos};
 use crate::spectrum::Spectrum;
-use direction::{Windows, decode_coarse, encode_coarse, row_of, sort_key};
-use scan::Test;
+use blocks::Blocks;
+use direction::encode_coarse;
+use scan::{Spot, Test};
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A photon or a cone, as light paths produce it.
 #[derive(Clone, Copy, Debug)]
@@ -116,13 +119,9 @@ pub struct RecordMap {
     cells_per_unit: f32,
     /// Rows of directions are sorted in groups of `2^row_shift`.
     row_shift: u32,
-    /// `starts[b]..starts[b + 1]` are the records of bucket `b`: those of some rows of directions in some cells, by direction.
-    starts: Vec<u32>,
-    /// A bit for each hash of a cell and a row that some record has: most of what a query asks for is not there.
-    present: Vec<AtomicU64>,
-    /// Coordinates of the positions, axis by axis, and directions: each with [`LANES`] more at the end.
-    positions: [Vec<f32>; 3],
-    directions: Vec<u32>,
+    blocks: Blocks,
+    /// Positions and directions, [`LANES`] more at the end.
+    spots: Vec<Spot>,
     weights: Vec<Spectrum>,
     /// Empty where nobody asks for normals.
     normals: Vec<u16>,
@@ -146,36 +145,23 @@ pub struct Neighbour<'a> {
 }
 
 impl Neighbour<'_> {
-    /// Position [scene units].
-    #[must_use]
-    pub fn position(&self) -> Vec3 {
-        let [x, y, z] = &self.map.positions;
-        Vec3::new(x[self.index], y[self.index], z[self.index])
-    }
-
     /// Unit direction, to about 7e-5 radians.
     #[must_use]
+    #[inline]
     pub fn direction(&self) -> Vec3 {
-        decode_direction(self.map.directions[self.index])
-    }
-
-    /// Geometric normal, to about a degree.
-    ///
-    /// # Panics
-    /// If the map was built without normals.
-    #[must_use]
-    pub fn normal(&self) -> Vec3 {
-        decode_coarse(self.map.normals[self.index])
+        self.map.spots[self.index].direction()
     }
 
     /// Flux of the photon, or weight of the cone.
     #[must_use]
+    #[inline]
     pub fn weight(&self) -> Spectrum {
         self.map.weights[self.index]
     }
 
     /// Edges of the light path up to the record.
     #[must_use]
+    #[inline]
     pub fn edges(&self) -> u8 {
         self.map.edges[self.index]
     }
@@ -197,64 +183,29 @@ impl RecordMap {
     /// Memory that the records and their directory take [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.starts)
-            + size_of_val(&*self.present)
-            + self.positions.iter().map(|axis| size_of_val(&**axis)).sum::<usize>()
-            + size_of_val(&*self.directions)
+        self.blocks.bytes()
+            + size_of_val(&*self.spots)
             + size_of_val(&*self.weights)
             + size_of_val(&*self.normals)
             + size_of_val(&*self.edges)
     }
 
-    /// Calls `visit` for each record within `reach` of the position `center` and the unit vector `direction`, in an order that
-    /// depends on the records found alone. `reach` must not exceed the map's. Returns how many records were read.
-    pub fn query<'a>(
-        &'a self,
-        center: Vec3,
-        direction: Vec3,
-        reach: &Reach,
-        mut visit: impl FnMut(Neighbour<'a>),
-    ) -> u64 {
-        let windows = Windows::around(direction, reach.sin_theta);
-        let everywhere = self.reach.is_omnidirectional();
+    /// Calls `visit` for each record within the radius of `reach` of `center`, whatever its direction, in an order that depends on the
+    /// records found alone. The map must have been built for every direction and for that radius at least. Returns how many records
+    /// were read.
+    pub fn query<'a>(&'a self, center: Vec3, reach: &Reach, mut visit: impl FnMut(Neighbour<'a>)) -> u64 {
         let mut read = 0;
-        self.cells_around(center, reach.radius, |cell| {
-            let first_bucket = bucket_of(cell);
-            let mut scan = |run: Range<usize>, face: u32| {
-                read += run.len() as u64;
-                let test = Test::new(self, cell, center, direction, reach, face);
-                test.scan(self, run, &mut |index| visit(Neighbour { map: self, index }));
-            };
-            if everywhere {
-                if self.may_hold(first_bucket) {
-                    scan(self.bucket(first_bucket), 0);
-                }
-                return;
-            }
-            for window in windows.as_slice() {
-                for [low, high] in window.keys(self.row_shift) {
-                    let hash = first_bucket.wrapping_add(row_of(low));
-                    if !self.may_hold(hash) {
-                        continue;
-                    }
-                    let bucket = self.bucket(hash);
-                    let keys = &self.directions[bucket.clone()];
-                    let key = |code: &u32| sort_key(*code, self.row_shift);
-                    let from = keys.partition_point(|code| key(code) < low);
-                    let end = from + keys[from..].partition_point(|code| key(code) <= high);
-                    if from < end {
-                        scan(bucket.start + from..bucket.start + end, window.face());
-                    }
-                }
-            }
+        let test = Test::new(center, Vec3::Z, reach, 0);
+        self.cells_around(center, reach.radius, |records| {
+            read += records.len() as u64;
+            test.scan(self, records, &mut |index| visit(Neighbour { map: self, index }));
         });
         read
     }
 
-    /// Calls `visit` for each cell that the sphere about `center` can touch.
-    fn cells_around(&self, center: Vec3, radius: f32, mut visit: impl FnMut([i32; 3])) {
-        let low = self.cell(center - Vec3::splat(radius));
-        let high = self.cell(center + Vec3::splat(radius));
+    /// Calls `visit` with the records of each cell that holds some and that the sphere about `center` can touch: block by block, in an
+    /// order that is the same for every sphere.
+    fn cells_around(&self, center: Vec3, radius: f32, mut visit: impl FnMut(Range<usize>)) {
         // Rounding of the cells' corners.
         let slack = 8.0 * f32::EPSILON * (center.abs().max_element() + radius);
         let radius2 = (radius + slack) * (radius + slack);
@@ -265,59 +216,27 @@ impl RecordMap {
                 .max(0.0);
             gap * gap
         };
-        for z in low[2]..=high[2].min(low[2] + 3) {
-            let gap_z = gap2(z, 2);
-            for y in low[1]..=high[1].min(low[1] + 3) {
-                let gap_yz = gap_z + gap2(y, 1);
-                for x in low[0]..=high[0].min(low[0] + 3) {
-                    if gap_yz + gap2(x, 0) <= radius2 {
-                        visit([x, y, z]);
-                    }
-                }
+        let low = cell(center - Vec3::splat(radius), self.cells_per_unit);
+        let high = cell(center + Vec3::splat(radius), self.cells_per_unit);
+        self.blocks.cells_between(low, high, |[x, y, z], records| {
+            if gap2(x, 0) + gap2(y, 1) + gap2(z, 2) <= radius2 {
+                visit(records);
             }
-        }
-    }
-
-    /// Whether there may be records of the cell and row with this hash.
-    fn may_hold(&self, hash: u32) -> bool {
-        let (word, bit) = presence(hash, self.present.len());
-        self.present[word].load(Ordering::Relaxed) & bit != 0
-    }
-
-    /// Records of a bucket, whose number is taken modulo the number of buckets.
-    fn bucket(&self, bucket: u32) -> Range<usize> {
-        let bucket = bucket as usize & (self.starts.len() - 2);
-        self.starts[bucket] as usize..self.starts[bucket + 1] as usize
-    }
-
-    /// Cell coordinates of a position.
-    fn cell(&self, position: Vec3) -> [i32; 3] {
-        cell(position, self.cells_per_unit)
+        });
     }
 }
 
-/// Cell coordinates of a position; saturating near the ends of `i32`.
+/// Cell coordinates of a position, within [`FARTHEST_CELL`] of the origin.
 fn cell(position: Vec3, cells_per_unit: f32) -> [i32; 3] {
     (position * cells_per_unit)
         .floor()
         .to_array()
-        .map(|c| (c as i32).clamp(i32::MIN + 4, i32::MAX - 4))
+        .map(|c| (c as i32).clamp(-FARTHEST_CELL, FARTHEST_CELL))
 }
 
-/// Word and bit of the hash of a cell and a row in a table of `words` words.
-fn presence(hash: u32, words: usize) -> (usize, u64) {
-    ((hash as usize / 64) & (words - 1), 1 << (hash % 64))
-}
-
-/// Bucket of a cell's first row of directions, to be taken modulo the number of buckets. The next rows have the next buckets,
-/// so that a query finds neighbouring rows in one place of memory.
-fn bucket_of(cell: [i32; 3]) -> u32 {
-    let [x, y, z] = cell.map(|c| c as u32);
-    let mut hash = x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d);
-    hash ^= hash >> 15;
-    hash = hash.wrapping_mul(0x2c1b_3c6d);
-    hash ^ hash >> 13
-}
+/// Bound of a cell's coordinates: 22 bits and a sign. That far from the origin single precision tells positions apart to half a
+/// cell.
+const FARTHEST_CELL: i32 = (1 << 22) - 1;
 
 #[cfg(test)]
 mod tests;

@@ -17,7 +17,9 @@ fn records(count: u64, extent: f32) -> Vec<Record> {
 /// Indices of the records found, and how many were read.
 fn found(map: &RecordMap, center: Vec3, direction: Vec3, reach: &Reach) -> (Vec<u32>, u64) {
     let mut indices = Vec::new();
-    let read = map.query(center, direction, reach, |n| indices.push(n.weight().mean() as u32));
+    let mut candidates = Candidates::new(map);
+    let read = candidates.gather(std::iter::once((center, direction)), reach);
+    candidates.query(center, direction, reach, |n| indices.push(n.weight().mean() as u32));
     assert!(read >= indices.len() as u64);
     (indices, read)
 }
@@ -53,6 +55,54 @@ fn a_query_finds_each_record_in_reach_once_and_no_other() {
         }
         assert!(hits > least, "the test looks at something: {hits}");
     }
+}
+
+#[test]
+fn a_group_finds_for_each_query_what_it_finds_alone() {
+    let all = records(40_000, 4.0);
+    for (radius, theta, least) in [(0.3, PI, 10_000), (0.4, 0.3, 1_000), (0.1, 0.02, 0), (0.3, 1.5, 5_000)] {
+        let reach = Reach::new(radius, theta);
+        let map = RecordMap::build(&chunked(&all, 999), &reach, false);
+        let mut queries: Vec<(Place, Vec3, Vec3)> = all
+            .iter()
+            .step_by(20)
+            .map(|r| (Place::new(r.position, r.direction(), &reach), r.position, r.direction()))
+            .collect();
+        queries.sort_by_key(|(place, ..)| *place);
+        let mut candidates = Candidates::new(&map);
+        let (mut hits, mut largest) = (0, 0);
+        for group in queries.chunk_by(|a, b| a.0 == b.0) {
+            largest = largest.max(group.len());
+            candidates.gather(group.iter().map(|(_, center, direction)| (*center, *direction)), &reach);
+            for &(_, center, direction) in group {
+                let mut indices = Vec::new();
+                candidates.query(center, direction, &reach, |n| indices.push(n.weight().mean() as u32));
+                assert_eq!(indices, found(&map, center, direction, &reach).0);
+                hits += indices.len();
+            }
+        }
+        assert!(hits > least, "the test looks at something: {hits}");
+        assert!(theta < 1.0 || largest > 5, "there are groups: {largest}");
+    }
+}
+
+#[test]
+fn a_query_for_every_direction_finds_each_record_in_reach_once() {
+    let all = records(20_000, 10.0);
+    let reach = Reach::new(0.21, PI);
+    let map = RecordMap::build(&chunked(&all, 777), &reach, false);
+    let mut hits = 0;
+    for center in all.iter().step_by(40).map(|r| r.position + Vec3::splat(0.05)) {
+        let mut got = Vec::new();
+        map.query(center, &reach, |n| got.push(n.weight().mean() as u32));
+        assert_eq!(
+            got,
+            found(&map, center, Vec3::X, &reach).0,
+            "the same, in the same order"
+        );
+        hits += got.len();
+    }
+    assert!(hits > 500, "the test looks at something: {hits}");
 }
 
 #[test]

@@ -51,13 +51,24 @@ impl Importons {
         let every =
             |stride: usize| -> Vec<Record> { queries.iter().filter(is_importon).step_by(stride).map(record).collect() };
         let reach = Reach::new(bandwidth.sigma, PI);
+        let map_of = |importons| RecordMap::build(&[importons], &reach, false);
         let pilot_stride = count.div_ceil(PILOT).max(1);
-        let pilot = every(pilot_stride);
-        let crowd = mean_neighbours(&pilot, &reach);
+        let pilot = map_of(every(pilot_stride));
+        let crowd = mean_neighbours(
+            &pilot,
+            queries
+                .iter()
+                .filter(is_importon)
+                .step_by(count.div_ceil(PROBES).max(1)),
+            &reach,
+        );
         let stride = ((pilot_stride as f32 * crowd / NEIGHBOURS).ceil() as usize).max(1);
-        let importons = if stride == pilot_stride { pilot } else { every(stride) };
         Some(Self {
-            map: RecordMap::build(&[importons], &reach, false),
+            map: if stride == pilot_stride {
+                pilot
+            } else {
+                map_of(every(stride))
+            },
             reach,
             one_minus_cos: one_minus_cos((bandwidth.theta + ROUNDING).min(PI)),
         })
@@ -69,7 +80,7 @@ impl Importons {
             lobes: Vec::new(),
             one_minus_cos: self.one_minus_cos,
         };
-        self.map.query(position, Vec3::Z, &self.reach, |importon| {
+        self.map.query(position, &self.reach, |importon| {
             mixture.add(importon.direction(), importon.weight()[0]);
         });
         mixture
@@ -87,15 +98,14 @@ fn record(query: &Query) -> Record {
     )
 }
 
-/// Mean number of importons in reach of an importon.
-fn mean_neighbours(importons: &[Record], reach: &Reach) -> f32 {
-    let map = RecordMap::build(&[importons.to_vec()], reach, false);
-    let (mut probes, mut found) = (0, 0);
-    for probe in importons.iter().step_by(importons.len().div_ceil(PROBES).max(1)) {
-        probes += 1;
-        map.query(probe.position, Vec3::Z, reach, |_| found += 1);
+/// Mean number of importons in reach of a probe.
+fn mean_neighbours<'q>(importons: &RecordMap, probes: impl Iterator<Item = &'q Query>, reach: &Reach) -> f32 {
+    let (mut places, mut found) = (0, 0);
+    for probe in probes {
+        places += 1;
+        importons.query(probe.position, reach, |_| found += 1);
     }
-    found as f32 / (probes as f32).max(1.0)
+    found as f32 / (places as f32).max(1.0)
 }
 
 /// A density of directions: uniform cones about those of importons, in proportion to their importance, and a share of

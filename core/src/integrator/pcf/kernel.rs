@@ -1,7 +1,7 @@
 //! Kernels: how much a cone counts for a query.
 
 use crate::integrator::Bandwidth;
-use crate::map::{Neighbour, Reach, RecordMap};
+use crate::map::{Candidate, Candidates, Reach};
 use crate::math::{PI, TAU, Vec3, sqr, warp::one_minus_cos};
 use crate::settings::{KernelShape, PcfSettings};
 use crate::spectrum::Spectrum;
@@ -69,13 +69,13 @@ impl<'a> Kernel<'a> {
         &self.widths[usize::from(query.surface != Surface::Rough)]
     }
 
-    /// `sum_j K(psi_j - psi) weight_j` over the cones of `map` (thesis, equation 3.11) [W/(unit^2 sr)], and how many records were read
-    /// and counted.
-    pub(super) fn sum(&self, map: &RecordMap, query: &Query) -> (Spectrum, u64, u64) {
+    /// `sum_j K(psi_j - psi) weight_j` over the cones gathered for the query (thesis, equation 3.11) [W/(unit^2 sr)], and how many records
+    /// were tested and counted.
+    pub(super) fn sum(&self, cones: &Candidates, query: &Query) -> (Spectrum, u64, u64) {
         let width = self.width(query);
         let mut sum = Spectrum::ZERO;
         let mut counted = 0;
-        let read = map.query(query.position, query.direction, &width.reach, |cone| {
+        let tested = cones.query(query.position, query.direction, &width.reach, |cone| {
             if cone.edges() > query.limit || (self.surface_test && !on_same_surface(&cone, query, &width.reach)) {
                 return;
             }
@@ -85,12 +85,12 @@ impl<'a> Kernel<'a> {
                 sum += cone.weight() * value;
             }
         });
-        (sum * width.height, read, counted)
+        (sum * width.height, tested, counted)
     }
 
     /// The kernel over the height of the box.
     #[inline]
-    fn value(&self, cone: &Neighbour, query: &Query, reach: &Reach) -> f32 {
+    fn value(&self, cone: &Candidate, query: &Query, reach: &Reach) -> f32 {
         if self.shape == KernelShape::Box && self.sigma_by_length.is_empty() {
             return 1.0;
         }
@@ -123,7 +123,7 @@ pub(super) const NORMALS_APART: f32 = 0.7;
 
 /// Whether a cone may be taken for one of the surface that the query lies on: close to its tangent plane, with a similar
 /// normal, and leaving on the same side. On a smooth surface all three hold as the kernel shrinks.
-fn on_same_surface(cone: &Neighbour, query: &Query, reach: &Reach) -> bool {
+fn on_same_surface(cone: &Candidate, query: &Query, reach: &Reach) -> bool {
     let off_plane = (cone.position() - query.position).dot(query.normal).abs();
     let side = |direction: Vec3| direction.dot(query.normal) > 0.0;
     off_plane < OFF_PLANE * reach.radius()

@@ -96,6 +96,7 @@ impl<'a> Pass<'a> {
         if settings.surface_test {
             counts.rays += queries.clip(job, &kernel);
         }
+        queries.group(kernel.reach());
         let importons = Importons::build(&queries, settings, bandwidth);
         Ok(Self {
             job,

@@ -5,7 +5,7 @@ use super::kernel::Kernel;
 use crate::integrator::camera_path::{self, Visit};
 use crate::integrator::vertex::{Tracer, Vertex};
 use crate::integrator::{Counts, GLOSSY_ROUGHNESS, Job, Observer, RenderError, edge_limit, trace_pixels};
-use crate::map::{Occupancy, Reach, RecordMap, count_edges};
+use crate::map::{Candidates, Occupancy, Place, Reach, RecordMap, count_edges};
 use crate::math::Vec3;
 use crate::random::{PathRandom, Stream};
 use crate::settings::{LookupVertex, PcfSettings};
@@ -59,8 +59,21 @@ pub(super) struct Queries {
     /// Sum over the samples of each pixel.
     pixels: Vec<Spectrum>,
     /// In the order of pixels.
-    tasks: Vec<Vec<Query>>,
+    queries: Vec<Query>,
+    groups: Groups,
 }
+
+/// Queries that ask the map together.
+#[derive(Default)]
+struct Groups {
+    /// Indices of queries, group by group.
+    order: Vec<u32>,
+    /// Where each group begins in `order`.
+    starts: Vec<u32>,
+}
+
+/// Queries clipped, or groups read, by one task.
+const PER_TASK: usize = 256;
 
 impl Queries {
     pub(super) fn trace(
@@ -72,7 +85,7 @@ impl Queries {
     ) -> Result<Self, RenderError> {
         let max_edges = edge_limit(settings.max_depth);
         let first = pixels.start;
-        let (pixels, tasks) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
+        let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
             camera_path::radiance(
                 sample.tracer,
                 sample.ray,
@@ -99,32 +112,51 @@ impl Queries {
                 },
             )
         })?;
-        Ok(Self { pixels, tasks })
+        Ok(Self {
+            pixels,
+            queries: lists.concat(),
+            groups: Groups::default(),
+        })
     }
 
     /// Makes up for the part of each query's kernel that does not lie on its surface. Returns the number of rays.
     pub(super) fn clip(&mut self, job: &Job, kernel: &Kernel) -> u64 {
-        let clip_task = |(task, queries): (usize, &mut Vec<Query>)| {
+        let clip_task = |(task, queries): (usize, &mut [Query])| {
             let mut tracer = Tracer::new(job.scene);
-            for (index, query) in queries.iter_mut().enumerate() {
-                let disc = (task as u64) << 32 | index as u64;
+            for (offset, query) in queries.iter_mut().enumerate() {
+                let disc = (task * PER_TASK + offset) as u64;
                 let mut random = PathRandom::new(job.seed, job.iteration, Stream::Disc, disc);
                 let bandwidth = kernel.bandwidth(query);
                 query.throughput *= 1.0 / share_on_surface(&mut tracer, query, bandwidth, kernel.shape(), &mut random);
             }
             tracer.rays
         };
-        self.tasks.par_iter_mut().enumerate().map(clip_task).sum()
+        self.queries.par_chunks_mut(PER_TASK).enumerate().map(clip_task).sum()
+    }
+
+    /// Puts queries of the same place into groups.
+    pub(super) fn group(&mut self, reach: &Reach) {
+        let place = |query: &Query| Place::new(query.position, query.direction, reach);
+        let mut places: Vec<(Place, u32)> = self
+            .queries
+            .par_iter()
+            .map(place)
+            .zip(0..self.queries.len() as u32)
+            .collect();
+        places.par_sort_unstable();
+        let begins = |index: &usize| *index == 0 || places[*index - 1].0 != places[*index].0;
+        self.groups.starts = (0..places.len()).filter(begins).map(|index| index as u32).collect();
+        self.groups.order = places.into_iter().map(|(_, index)| index).collect();
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = &Query> {
-        self.tasks.iter().flatten()
+        self.queries.iter()
     }
 
     /// Where the queries look.
     pub(super) fn occupancy(&self, reach: &Reach) -> Occupancy {
-        let occupancy = Occupancy::new(reach, self.tasks.iter().map(Vec::len).sum());
-        self.tasks.par_iter().for_each(|queries| {
+        let occupancy = Occupancy::new(reach, self.queries.len());
+        self.queries.par_chunks(PER_TASK).for_each(|queries| {
             let mut last = Default::default();
             for query in queries {
                 occupancy.mark(query.position, query.direction, &mut last);
@@ -141,31 +173,46 @@ impl Queries {
         observer: &dyn Observer,
         counts: &mut Counts,
     ) -> Result<(), RenderError> {
-        let read: Vec<[u64; 2]> = self
-            .tasks
-            .par_iter_mut()
-            .map(|queries| {
+        let tasks: Vec<(Vec<Spectrum>, [u64; 2])> = self
+            .groups
+            .starts
+            .par_chunks(PER_TASK)
+            .enumerate()
+            .map(|(task, starts)| {
                 if observer.cancelled() {
                     return Err(RenderError::Cancelled);
                 }
-                let mut totals = [0; 2];
-                for query in queries {
-                    let (sum, read, counted) = kernel.sum(map, query);
-                    query.radiance += sum;
-                    totals = [totals[0] + read, totals[1] + counted];
+                let end = self.groups.starts.get((task + 1) * PER_TASK).copied();
+                let end = end.map_or(self.groups.order.len(), |end| end as usize);
+                let mut candidates = Candidates::new(map);
+                let (mut sums, mut totals) = (Vec::with_capacity(end - starts[0] as usize), [0; 2]);
+                let ends = starts[1..].iter().map(|start| *start as usize).chain([end]);
+                for (start, end) in starts.iter().zip(ends) {
+                    let group = &self.groups.order[*start as usize..end];
+                    let group = group.iter().map(|index| &self.queries[*index as usize]);
+                    totals[0] += candidates.gather(group.clone().map(|q| (q.position, q.direction)), kernel.reach());
+                    for query in group {
+                        let (sum, tested, counted) = kernel.sum(&candidates, query);
+                        sums.push(sum);
+                        totals = [totals[0] + tested, totals[1] + counted];
+                    }
                 }
-                Ok(totals)
+                Ok((sums, totals))
             })
             .collect::<Result<_, _>>()?;
-        counts.records_read += read.iter().map(|totals| totals[0]).sum::<u64>();
-        counts.records_counted += read.iter().map(|totals| totals[1]).sum::<u64>();
+        let sums = tasks.iter().flat_map(|(sums, _)| sums);
+        for (index, sum) in self.groups.order.iter().zip(sums) {
+            self.queries[*index as usize].radiance += *sum;
+        }
+        counts.records_read += tasks.iter().map(|(_, totals)| totals[0]).sum::<u64>();
+        counts.records_counted += tasks.iter().map(|(_, totals)| totals[1]).sum::<u64>();
         Ok(())
     }
 
     /// The mean of each pixel over its `samples`; the queries' sums are over `light_paths` light paths.
     pub(super) fn into_pixels(self, light_paths: u32, samples: u32) -> Vec<Spectrum> {
         let mut pixels = self.pixels;
-        for query in self.tasks.iter().flatten() {
+        for query in &self.queries {
             pixels[query.pixel as usize] += query.throughput * query.radiance * (1.0 / light_paths as f32);
         }
         for pixel in &mut pixels {
