@@ -1,9 +1,10 @@
 //! The map that photons and cones are found in: records sorted by cell of position, and in each cell by direction.
 //!
-//! The iteration's bandwidth is one global number for all queries, so the map is built for it: a hashed grid of cells of
-//! position, as wide as the radius, and rows of directions. Within a row records are sorted along it, so that a query finds those
-//! that point its way by bisection and reads few others. Records are stored in that order, an array for each of their parts. Order depends on the records alone, whatever the number of threads; a record that no query
-//! asks for changes nothing for the others.
+//! The iteration's bandwidth is one global number for all queries, so the map is built for it. Cells are as wide as the radius. Blocks of
+//! 4 x 4 x 4 of them are found in a hash table and lie in memory along a curve that fills space. In a cell records are sorted by rows of
+//! directions, and along each row, so that those that point a query's way are found by bisection. Queries of one place ask together
+//! ([`Candidates`]). The order of records depends on them alone, whatever the number of threads; a record that no query asks for
+//! changes nothing for the others.
 
 mod blocks;
 mod build;
