@@ -4,7 +4,7 @@
 //! are formed by [`Place`], the order of which also keeps queries that follow each other close in memory.
 
 use super::blocks::{block_of, cell_in_block};
-use super::direction::{Windows, decode_coarse, direction_cell, encode_direction, row_shift, sort_key};
+use super::direction::{Window, Windows, decode_coarse, direction_cell, encode_direction, row_shift, sort_key};
 use super::scan::{MASK, Spot, Test, for_each_bit};
 use super::{LANES, Reach, RecordMap, cell};
 use crate::math::{Vec3, sqr};
@@ -45,7 +45,7 @@ impl Place {
 
 /// The records that some query of a group may find.
 ///
-/// They are gathered in steps, each a loop without decisions over a list, so that the processor waits for many places of memory at a time.
+/// They are gathered in steps, each a plain loop over a list, so that the processor waits for many places of memory at a time.
 #[derive(Debug)]
 pub struct Candidates<'a> {
     map: &'a RecordMap,
@@ -157,18 +157,10 @@ impl<'a> Candidates<'a> {
         for cell in &self.cells {
             for window in windows.as_slice() {
                 let face = window.face();
-                let mut rows = self.within(cell.clone(), window.rows(self.map.row_shift));
+                let rows = self.within(cell.clone(), window.rows(self.map.row_shift));
                 if rows.len() <= SHORT {
-                    let outside = |index: usize| !window.holds_column(self.map.spots[index].direction_code());
-                    while !rows.is_empty() && outside(rows.start) {
-                        rows.start += 1;
-                    }
-                    while !rows.is_empty() && outside(rows.end - 1) {
-                        rows.end -= 1;
-                    }
-                    if !rows.is_empty() {
-                        self.runs.push(Run { face, records: rows });
-                    }
+                    let records = self.trim(rows, window);
+                    self.runs.push(Run { face, records });
                     continue;
                 }
                 for keys in window.keys(self.map.row_shift) {
@@ -177,6 +169,18 @@ impl<'a> Candidates<'a> {
                 }
             }
         }
+    }
+
+    /// The records without those at both ends whose columns the window does not cover.
+    fn trim(&self, mut records: Range<usize>, window: &Window) -> Range<usize> {
+        let outside = |index: usize| !window.holds_column(self.map.spots[index].direction_code());
+        while !records.is_empty() && outside(records.start) {
+            records.start += 1;
+        }
+        while !records.is_empty() && outside(records.end - 1) {
+            records.end -= 1;
+        }
+        records
     }
 
     /// Those of the records, which are of one cell, whose sort keys lie in a range, both ends included.
