@@ -129,10 +129,7 @@ impl Limits {
 
     /// Checks a job against the bundle it names.
     pub fn check_job(&self, spec: &JobSpec, manifest: &BundleManifest) -> Result<(), LimitError> {
-        if spec.iterations == 0 {
-            return Err(LimitError::invalid("iterations", "a job has at least one iteration"));
-        }
-        within("iterations", spec.iterations.into(), "iterations", self.iterations)?;
+        self.check_iterations(spec.iterations)?;
         if !manifest.files.contains_key(&spec.main) {
             let reason = format!("the bundle has no file {:?}", spec.main);
             return Err(LimitError::invalid("main", reason));
@@ -153,6 +150,14 @@ impl Limits {
             )?;
         }
         spec.schedule.check()
+    }
+
+    /// Checks a number of iterations.
+    pub fn check_iterations(&self, iterations: u32) -> Result<(), LimitError> {
+        if iterations == 0 {
+            return Err(LimitError::invalid("iterations", "a job has at least one iteration"));
+        }
+        within("iterations", iterations.into(), "iterations", self.iterations)
     }
 
     /// Checks an image size.

@@ -37,6 +37,9 @@ struct Options {
     /// Name shown to people; the host's by default.
     #[arg(long)]
     name: Option<String>,
+    /// Something that this machine has, for jobs that ask for it, such as gpu=no (repeatable).
+    #[arg(long, value_name = "TAG")]
+    tag: Vec<String>,
     /// Format of the log; RUST_LOG chooses what it tells.
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -70,6 +73,7 @@ async fn run(options: Options) -> anyhow::Result<()> {
     let mut config = WorkerConfig::new(options.coordinator, cache);
     config.credentials = Credentials::load(options.token_file.as_deref(), options.ca.as_deref())?;
     config.threads = options.threads;
+    config.tags = options.tag.into_iter().collect();
     config.cache_bytes = options.cache_gigabytes.saturating_mul(1 << 30);
     config.name = options.name.unwrap_or_else(host_name);
     let drain = CancellationToken::new();

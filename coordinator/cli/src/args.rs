@@ -1,5 +1,6 @@
 //! The command line as typed.
 
+use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WorkersArgs};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use photonfarm_proto::token::Role;
 use photonfarm_worker::{Credentials, CredentialsError};
@@ -108,6 +109,20 @@ pub(crate) enum Command {
     /// Make, list and revoke tokens: who may use a farm
     #[command(after_help = TOKEN_EXAMPLES)]
     Token(TokenArgs),
+    /// List the jobs of a farm, or show one
+    Jobs(JobsArgs),
+    /// Hand out no new work of a job; what is at work goes on and counts
+    Pause(JobArg),
+    /// Go on with a job that was paused
+    Resume(JobArg),
+    /// End a job; what has arrived stays
+    Cancel(JobArg),
+    /// Ask for more iterations of a job, which may be done already
+    Extend(ExtendArgs),
+    /// Set the priority of a job
+    Priority(PriorityArgs),
+    /// List the workers of a farm, put one into quarantine, or let it out
+    Workers(WorkersArgs),
 }
 
 #[derive(Debug, Args)]
@@ -139,6 +154,10 @@ pub(crate) struct ServeArgs {
     /// Private key of the certificate, as PEM
     #[arg(long, value_name = "FILE", requires = "tls_cert", env = "PHOTONFARM_TLS_KEY")]
     pub(crate) tls_key: Option<PathBuf>,
+    /// Have nodes of a worker repeated by another one until this many in a row are confirmed, and ever more rarely then;
+    /// 10 suits machines of strangers, 0 repeats none
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) verify: u32,
     /// Requests a second that one token may send from one address
     #[arg(long, value_name = "N", default_value = "1000")]
     pub(crate) rate: NonZeroU32,
@@ -167,6 +186,8 @@ pub(crate) struct SubmitArgs {
     pub(crate) coordinator: String,
     #[command(flatten)]
     pub(crate) credentials: CredentialArgs,
+    #[command(flatten)]
+    pub(crate) schedule: ScheduleArgs,
     /// Wait until the job is done
     #[arg(long)]
     pub(crate) wait: bool,
@@ -352,6 +373,15 @@ mod tests {
             "photonfarm token create a --role submit --days 0.5 --most-jobs 1 --most-gigabytes 2 --data d",
             "photonfarm token list --coordinator http://localhost:1 --token-file t --ca c",
             "photonfarm token revoke a --data d",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --verify 10",
+            "photonfarm submit s.xml --coordinator http://localhost:1 --tag a=b --tag c --priority 3 --noise-target 0.1 --within 2h",
+            "photonfarm jobs --coordinator http://localhost:1",
+            "photonfarm jobs 3 --json --coordinator http://localhost:1",
+            "photonfarm extend 3 100 --coordinator http://localhost:1",
+            "photonfarm priority 3 20 --coordinator http://localhost:1",
+            "photonfarm workers --coordinator http://localhost:1",
+            "photonfarm workers release 3 --coordinator http://localhost:1",
+            "photonfarm workers quarantine 3 --reason broken --coordinator http://localhost:1",
             "photonfarm submit s.xml --coordinator http://localhost:1 --wait -o o.exr --integrator pcf -Dx=1",
         ] {
             Cli::try_parse_from(line.split_whitespace()).unwrap_or_else(|e| panic!("{line}: {e}"));

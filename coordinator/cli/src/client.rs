@@ -2,14 +2,17 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use futures_util::StreamExt;
-use photonfarm_proto::api::{BundleReply, EVENT_END, EVENT_STATUS, Health, IDEMPOTENCY_KEY};
+use photonfarm_proto::api::{
+    BundleReply, EVENT_END, EVENT_STATUS, Health, IDEMPOTENCY_KEY, JobPage, SetPriority, WorkerList, WorkerStatus,
+};
 use photonfarm_proto::bundle::BundleManifest;
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::Problem;
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_worker::Credentials;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
+use serde::Serialize;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
@@ -103,6 +106,49 @@ impl Client {
                 .json(spec)
         };
         Ok(self.retry(PATIENCE, request).await?.json().await?)
+    }
+
+    /// A job's status.
+    pub(crate) async fn status(&self, job: JobId) -> Result<JobStatus> {
+        let path = format!("jobs/{job}");
+        let request = || self.request(Method::GET, &path);
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
+    }
+
+    /// Jobs, newest first.
+    pub(crate) async fn jobs(&self, limit: u32) -> Result<Vec<JobStatus>> {
+        let path = format!("jobs?limit={limit}");
+        let request = || self.request(Method::GET, &path);
+        let page: JobPage = self.retry(FIRST_PATIENCE, request).await?.json().await?;
+        Ok(page.jobs)
+    }
+
+    /// Steers a job; repetition is harmless.
+    pub(crate) async fn post_job<T: Serialize>(&self, job: JobId, action: &str, body: &T) -> Result<JobStatus> {
+        let path = format!("jobs/{job}/{action}");
+        let request = || self.request(Method::POST, &path).json(body);
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
+    }
+
+    /// Sets the priority of a job.
+    pub(crate) async fn set_priority(&self, job: JobId, priority: &SetPriority) -> Result<JobStatus> {
+        let path = format!("jobs/{job}/priority");
+        let request = || self.request(Method::PUT, &path).json(priority);
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
+    }
+
+    /// The workers of the farm.
+    pub(crate) async fn workers(&self) -> Result<Vec<WorkerStatus>> {
+        let request = || self.request(Method::GET, "workers");
+        let list: WorkerList = self.retry(FIRST_PATIENCE, request).await?.json().await?;
+        Ok(list.workers)
+    }
+
+    /// Puts a worker into quarantine or lets it out; repetition is harmless.
+    pub(crate) async fn post_worker<T: Serialize>(&self, id: WorkerId, action: &str, body: &T) -> Result<WorkerStatus> {
+        let path = format!("workers/{id}/{action}");
+        let request = || self.request(Method::POST, &path).json(body);
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
     }
 
     /// Makes a token.

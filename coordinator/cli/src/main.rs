@@ -10,6 +10,8 @@ mod render;
 mod serve;
 mod settings;
 mod stats;
+mod steer;
+mod steer_args;
 mod submit;
 mod token;
 
@@ -29,13 +31,20 @@ fn main() -> ExitCode {
     let command = Cli::parse().command;
     match &command {
         Command::Serve(args) => log::start("info", args.log_format),
-        Command::Render(_) | Command::Submit(_) | Command::Token(_) => log::start("warn", LogFormat::Text),
+        _ => log::start("warn", LogFormat::Text),
     }
     let result = match command {
         Command::Render(args) => render::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
         Command::Token(args) => token::run(args),
+        Command::Jobs(args) => steer::jobs(args),
+        Command::Pause(args) => steer::act(args, "pause"),
+        Command::Resume(args) => steer::act(args, "resume"),
+        Command::Cancel(args) => steer::act(args, "cancel"),
+        Command::Extend(args) => steer::extend(args),
+        Command::Priority(args) => steer::priority(args),
+        Command::Workers(args) => steer::workers(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,6 +2,7 @@
 
 use crate::args::ServeArgs;
 use anyhow::{Context, Result, anyhow};
+use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::{Config, Coordinator, TlsFiles};
 use std::io::{ErrorKind, Write};
 use tokio::net::TcpListener;
@@ -33,6 +34,10 @@ async fn serve(args: ServeArgs) -> Result<()> {
             .map(|(certificate, key)| TlsFiles { certificate, key }),
         rate: args.rate.get(),
         connections: args.connections.get(),
+        scheduler: SchedulerConfig {
+            verify_until: args.verify,
+            ..SchedulerConfig::default()
+        },
         ..Config::new(&args.data)
     };
     let coordinator = Coordinator::start(config, listener)

@@ -17,7 +17,8 @@ pub(crate) fn run(args: SubmitArgs) -> Result<()> {
 async fn submit(args: SubmitArgs) -> Result<()> {
     let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
     let client = Client::new(&args.coordinator, args.credentials.load()?)?;
-    let (job, _) = PreparedJob::new(&args.job)?;
+    let (mut job, _) = PreparedJob::new(&args.job)?;
+    job.spec.schedule = args.schedule.schedule()?;
     client.connect().await?;
     let id = send(&client, &job).await?;
     println!("{id}");

@@ -5,6 +5,7 @@ mod events;
 mod extract;
 mod guard;
 mod jobs;
+mod steer;
 mod system;
 mod tokens;
 mod worker;
@@ -75,6 +76,10 @@ fn submit_routes() -> Router<App> {
         .route("/jobs", post(jobs::submit))
         .route("/jobs/{id}", delete(jobs::cancel))
         .route("/jobs/{id}/cancel", post(jobs::cancel))
+        .route("/jobs/{id}/pause", post(steer::pause))
+        .route("/jobs/{id}/resume", post(steer::resume))
+        .route("/jobs/{id}/extend", post(steer::extend))
+        .route("/jobs/{id}/priority", put(steer::prioritize))
 }
 
 fn worker_routes() -> Router<App> {
@@ -92,6 +97,8 @@ fn admin_routes() -> Router<App> {
     Router::new()
         .route("/tokens", post(tokens::create).get(tokens::list))
         .route("/tokens/{name}", delete(tokens::revoke))
+        .route("/workers/{id}/quarantine", post(steer::quarantine))
+        .route("/workers/{id}/release", post(steer::release))
 }
 
 /// The OpenAPI document of the public interface.

@@ -1,9 +1,10 @@
-//! Which leaves to lend next, and how many.
+//! Which leaves to lend next, and how many; which to lend a second time.
 
 use super::SchedulerConfig;
-use super::job::Job;
-use super::record::Millis;
+use super::job::{HeldLease, Job};
+use super::record::{LeaseRecord, Millis};
 use photonfarm_proto::id::WorkerId;
+use photonfarm_proto::job::Attempt;
 use photonfarm_proto::node::NodeKey;
 
 /// A block to lend.
@@ -12,13 +13,41 @@ pub(super) struct Block {
     pub(super) node: NodeKey,
     pub(super) expected_ms: Option<Millis>,
     pub(super) attempt: u32,
+    /// Whether it is to be repeated, to be compared.
+    pub(super) verifies: bool,
+}
+
+/// Whom a block is for, and when.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Taker<'a> {
+    pub(super) worker: WorkerId,
+    /// The workers heard of lately that may work on the job, this one among them.
+    pub(super) all: &'a [WorkerId],
+    pub(super) now: Millis,
+    pub(super) config: &'a SchedulerConfig,
+}
+
+impl Taker<'_> {
+    /// Whether a leaf that failed before is to be left alone for now: everybody waits a while, longer after each
+    /// failure, and who has failed leaves it to others if there are any.
+    fn leaves_alone(&self, attempts: &[Attempt]) -> bool {
+        let Some(last) = attempts.last() else { return false };
+        let doublings = attempts.len().min(32) as u32 - 1;
+        let pause = self.config.retry_ms.saturating_mul(1 << doublings);
+        let failed = |worker: &WorkerId| attempts.iter().any(|attempt| attempt.worker == *worker);
+        let others = failed(&self.worker) && !self.all.iter().all(failed);
+        let longest = self.config.longest_retry_ms;
+        let wait = if others { longest } else { pause.min(longest) };
+        self.now >= last.at_ms && self.now - last.at_ms < wait
+    }
 }
 
 impl Job {
     /// The next block for `worker`: the lowest free leaves, an aligned power of two of them that takes about the time
-    /// of a lease and leaves enough for `workers` of them to end together.
-    pub(super) fn next_block(&self, worker: WorkerId, workers: u64, config: &SchedulerConfig) -> Option<Block> {
-        let taken = self.taken_ranges(config);
+    /// of a lease and leaves enough for all workers to end together.
+    pub(super) fn next_block(&self, taker: &Taker) -> Option<Block> {
+        let (worker, workers, config) = (taker.worker, taker.all.len() as u64, taker.config);
+        let taken = self.taken_ranges(taker);
         let (first, free_until) = first_gap(&taken, self.leaves())?;
         let suspect = self
             .failures
@@ -30,7 +59,9 @@ impl Job {
             Some(leaf) => free_until.min(leaf) - first,
             None => free_until - first,
         };
-        let free: u64 = self.leaves() - taken.iter().map(|(from, to)| to - from).sum::<u64>();
+        let free: u64 = self
+            .leaves()
+            .saturating_sub(taken.iter().map(|(from, to)| to - from).sum::<u64>());
         let share = (free / (2 * workers.max(1))).max(1);
         let seconds = self.seconds_per_iteration(worker);
         let by_time = seconds
@@ -41,12 +72,11 @@ impl Job {
         } else {
             1 << first.trailing_zeros()
         };
-        let level = largest
-            .min(share)
-            .min(by_time)
-            .min(aligned)
-            .ilog2()
-            .min(NodeKey::MAX_LEVEL);
+        let level = largest.min(share).min(by_time).min(aligned).ilog2().min(if first == 0 {
+            self.highest_first_level()
+        } else {
+            NodeKey::MAX_LEVEL
+        });
         let node = NodeKey {
             level,
             index: u32::try_from(first >> level).ok()?,
@@ -54,36 +84,96 @@ impl Job {
         let failed = u32::try_from(first).ok().and_then(|leaf| self.failures.get(&leaf));
         Some(Block {
             node,
-            expected_ms: seconds.map(|s| (s * node.leaves() as f64 * 1e3) as Millis),
+            expected_ms: self.expected_ms(worker, node),
             attempt: 1 + failed.map_or(0, Vec::len) as u32,
+            verifies: false,
         })
     }
 
-    /// A block that somebody else has had for much longer than it should take, and nobody besides.
-    pub(super) fn straggler(&self, worker: WorkerId, now: Millis, config: &SchedulerConfig) -> Option<Block> {
-        self.leases.values().map(|lease| &lease.record).find_map(|record| {
-            let shared = |other: &NodeKey| other.contains(record.node) || record.node.contains(*other);
-            let holders = self.leases.values().filter(|other| shared(&other.record.node)).count();
-            let given_up = |node: NodeKey| {
-                self.poisoned(config)
-                    .any(|(leaf, _)| node.contains(NodeKey::leaf(leaf)))
-            };
-            if record.worker == worker || holders > 1 || given_up(record.node) {
-                return None;
-            }
-            let mine = self
-                .seconds_per_iteration(worker)
-                .map(|s| (s * record.node.leaves() as f64 * 1e3) as Millis);
-            let expected = record.expected_ms.or(mine)?;
-            let patience = expected
-                .saturating_mul(config.straggler_factor)
-                .max(config.straggler_ms);
-            (now.saturating_sub(record.granted_ms) > patience).then_some(Block {
-                node: record.node,
-                expected_ms: mine.or(Some(expected)),
-                attempt: record.attempt + 1,
-            })
+    /// The first node in doubt that `worker` may repeat and nobody does.
+    pub(super) fn next_doubt(&self, worker: WorkerId) -> Option<Block> {
+        let mut doubts = self.nodes_in_doubt();
+        let node = doubts.find(|node| !self.has_opinion(*node, worker) && self.verifiers(*node).next().is_none())?;
+        Some(Block {
+            node,
+            expected_ms: self.expected_ms(worker, node),
+            attempt: 1,
+            verifies: true,
         })
+    }
+
+    /// Work that somebody else has had for much longer than it should take.
+    pub(super) fn straggler(&self, taker: &Taker) -> Option<Block> {
+        self.leases.values().find_map(|lease| self.steal(lease, taker))
+    }
+
+    /// What to lend of a lease a second time: a part that its worker has not come to, or all of what cannot be divided.
+    /// Whoever has it already must have been given enough time for it.
+    fn steal(&self, lease: &HeldLease, taker: &Taker) -> Option<Block> {
+        let record = &lease.record;
+        let patience = |holder: &LeaseRecord| {
+            let expected = holder.expected_ms.or(self.expected_ms(taker.worker, holder.node))?;
+            Some(
+                expected
+                    .saturating_mul(taker.config.straggler_factor)
+                    .max(taker.config.straggler_ms),
+            )
+        };
+        let patient = |holder: &LeaseRecord, times: u64| {
+            let elapsed = taker.now.saturating_sub(holder.granted_ms);
+            patience(holder).is_none_or(|ms| elapsed <= ms.saturating_mul(times))
+        };
+        if record.worker == taker.worker || patient(record, 1) {
+            return None;
+        }
+        let node = if record.verifies {
+            record.node
+        } else {
+            self.part_left(lease, taker.config)?
+        };
+        let mine = self.expected_ms(taker.worker, node);
+        let shares = |other: &&LeaseRecord| {
+            other.verifies == record.verifies && (other.node.contains(node) || node.contains(other.node))
+        };
+        let holders: Vec<&LeaseRecord> = self.leases.values().map(|other| &other.record).filter(shares).collect();
+        let times = holders.len() as u64;
+        let mine_already = holders.iter().any(|holder| holder.worker == taker.worker);
+        let known = record.verifies && self.has_opinion(node, taker.worker);
+        if known || mine_already || holders.iter().any(|holder| patient(holder, times)) {
+            return None;
+        }
+        Some(Block {
+            node,
+            expected_ms: mine.or(record.expected_ms),
+            attempt: holders.iter().map(|holder| holder.attempt).max().unwrap_or(0) + 1,
+            verifies: record.verifies,
+        })
+    }
+
+    /// The largest aligned part at the end of a lease that is neither in the image, nor lent to others besides, nor the
+    /// leaf that its worker is at, unless that is all there is.
+    fn part_left(&self, lease: &HeldLease, config: &SchedulerConfig) -> Option<NodeKey> {
+        let block = lease.record.node;
+        let others = self.leases.values().map(|other| &other.record);
+        let others = others.filter(|other| !other.verifies && !other.node.contains(block));
+        let poisoned = self.poisoned(config).map(|(leaf, _)| NodeKey::leaf(leaf));
+        let taken = others
+            .map(|other| other.node)
+            .chain(poisoned)
+            .map(|node| (node.first(), node.end()));
+        let (from, end) = last_gap(&disjoint(self.live_ranges().chain(taken).collect()), block)?;
+        let at = block.first() + lease.leaves_done;
+        let parts = (0..block.level).rev().map(|level| NodeKey {
+            level,
+            index: ((end - 1) >> level) as u32,
+        });
+        let whole = |node: &NodeKey| node.end() == end && node.first() >= from && node.first() > at;
+        parts.into_iter().find(whole).or(Some(NodeKey::leaf((end - 1) as u32)))
+    }
+
+    fn expected_ms(&self, worker: WorkerId, node: NodeKey) -> Option<Millis> {
+        let seconds = self.seconds_per_iteration(worker);
+        seconds.map(|s| (s * node.leaves() as f64 * 1e3) as Millis)
     }
 
     /// Seconds that `worker` takes for an iteration, or that the job's workers took on average.
@@ -95,26 +185,46 @@ impl Job {
         self.pace.seconds_per_iteration(worker).or_else(mean)
     }
 
-    /// Leaves that are in the image, lent or given up: disjoint, from left to right.
-    fn taken_ranges(&self, config: &SchedulerConfig) -> Vec<(u64, u64)> {
-        let lent = self
-            .leases
-            .values()
-            .map(|lease| (lease.record.node.first(), lease.record.node.end()));
-        let poisoned = self
-            .poisoned(config)
-            .map(|(leaf, _)| (u64::from(leaf), u64::from(leaf) + 1));
-        let mut ranges: Vec<(u64, u64)> = self.live_ranges().chain(lent).chain(poisoned).collect();
-        ranges.sort_unstable();
-        let mut disjoint: Vec<(u64, u64)> = Vec::with_capacity(ranges.len());
-        for (from, to) in ranges {
-            match disjoint.last_mut() {
-                Some((_, end)) if from <= *end => *end = (*end).max(to),
-                _ => disjoint.push((from, to)),
-            }
-        }
-        disjoint
+    /// Leaves that are in the image, lent, given up, or to be left alone for now: disjoint, from left to right.
+    fn taken_ranges(&self, taker: &Taker) -> Vec<(u64, u64)> {
+        let lent = self.leases.values().map(|lease| &lease.record);
+        let lent = lent
+            .filter(|lease| !lease.verifies)
+            .map(|lease| (lease.node.first(), lease.node.end()));
+        let alone = |attempts: &[Attempt]| taker.config.is_poisoned(attempts) || taker.leaves_alone(attempts);
+        let within = |leaf: &u32| u64::from(*leaf) < self.leaves();
+        let failed = self
+            .failures
+            .iter()
+            .filter(|(leaf, attempts)| within(leaf) && alone(attempts));
+        let failed = failed.map(|(leaf, _)| (u64::from(*leaf), u64::from(*leaf) + 1));
+        disjoint(self.live_ranges().chain(lent).chain(failed).collect())
     }
+}
+
+/// The union of ranges, from left to right.
+fn disjoint(mut ranges: Vec<(u64, u64)>) -> Vec<(u64, u64)> {
+    ranges.sort_unstable();
+    let mut disjoint: Vec<(u64, u64)> = Vec::with_capacity(ranges.len());
+    for (from, to) in ranges {
+        match disjoint.last_mut() {
+            Some((_, end)) if from <= *end => *end = (*end).max(to),
+            _ => disjoint.push((from, to)),
+        }
+    }
+    disjoint
+}
+
+/// The last stretch of a block outside the ranges.
+fn last_gap(taken: &[(u64, u64)], block: NodeKey) -> Option<(u64, u64)> {
+    let mut end = block.end();
+    for (from, to) in taken.iter().rev() {
+        if *to < end {
+            return Some((block.first().max(*to), end)).filter(|(from, to)| from < to);
+        }
+        end = end.min(*from);
+    }
+    (block.first() < end).then_some((block.first(), end))
 }
 
 /// The first stretch of `[0, end)` outside the ranges.

@@ -4,22 +4,32 @@
 //! them with [`Farm::evolve`]. What is kept and what is remembered are therefore the same, whatever fails between.
 //! A restart is [`Farm::restore`].
 
+mod alive;
 mod block;
+mod deliver;
+mod failure;
+mod finish;
+mod grant;
 mod job;
 mod pace;
 pub mod record;
+mod share;
+mod status;
+mod steer;
+mod stop;
 #[cfg(test)]
 mod tests;
+mod verify;
 
-pub use job::{Delivered, Delivery, HeldLease, Job};
+pub use deliver::{Delivered, Delivery};
+pub use job::{HeldLease, Job};
 
-use block::Block;
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobSpec, JobState};
 use photonfarm_proto::node::NodeKey;
-use photonfarm_proto::worker::{LeaseProgress, Register};
-use record::{Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, Standing, WorkerRecord};
+use photonfarm_proto::worker::Register;
+use record::{Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, WorkerRecord};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -40,6 +50,17 @@ pub struct SchedulerConfig {
     pub max_failures: usize,
     /// Attempts that failed in any way, lost workers included, after which an iteration is given up.
     pub max_attempts: usize,
+    /// Pause after the first failure of an iteration; it doubles with each further one [ms].
+    pub retry_ms: Millis,
+    /// The longest such pause [ms].
+    pub longest_retry_ms: Millis,
+    /// Nodes in a row that others must confirm before a worker's are repeated more rarely than always; afterwards they
+    /// are with the probability of this number over that of the nodes confirmed. 0: nodes are never repeated.
+    pub verify_until: u32,
+    /// What the choice of nodes to repeat depends on, unknown to workers.
+    pub verify_secret: u64,
+    /// Faults in a row that put a worker into quarantine.
+    pub max_faults: u32,
     /// A worker silent for this long counts no more [ms].
     pub forget_worker_ms: Millis,
 }
@@ -54,6 +75,11 @@ impl Default for SchedulerConfig {
             straggler_ms: 5_000,
             max_failures: 3,
             max_attempts: 6,
+            retry_ms: 1_000,
+            longest_retry_ms: 60_000,
+            verify_until: 0,
+            verify_secret: 0,
+            max_faults: 3,
             forget_worker_ms: 600_000,
         }
     }
@@ -123,6 +149,13 @@ struct Worker {
     last_seen_ms: Millis,
 }
 
+impl Worker {
+    /// Whether it is in quarantine.
+    fn is_held(&self) -> bool {
+        self.record.standing.quarantine.is_some()
+    }
+}
+
 /// The state of the farm: workers, and the jobs that have not ended.
 #[derive(Clone, Debug)]
 pub struct Farm {
@@ -136,7 +169,6 @@ impl Farm {
     /// The farm as it was left. Leases last long enough for workers to reconnect.
     #[must_use]
     pub fn restore(config: SchedulerConfig, snapshot: Snapshot, now: Millis) -> Self {
-        let leases_until = now + config.reconnect_ms;
         let worker = |record: WorkerRecord| {
             (
                 record.id,
@@ -147,14 +179,17 @@ impl Farm {
             )
         };
         let job = |record| {
-            let job = Job::from_record(record, leases_until);
+            let mut job = Job::from_record(record);
+            for lease in job.leases.values_mut() {
+                lease.expires_ms = lease.after_restart(&config, now);
+            }
             (job.id(), job)
         };
         Self {
-            config,
             counters: snapshot.counters,
             workers: snapshot.workers.into_iter().map(worker).collect(),
             jobs: snapshot.jobs.into_iter().map(job).collect(),
+            config,
         }
     }
 
@@ -205,19 +240,34 @@ impl Farm {
         records.filter(move |record| record.worker == worker)
     }
 
-    /// A worker introduces itself.
+    /// A worker introduces itself. One that has the name of another in quarantine is there, too.
     #[must_use]
-    pub fn register(&self, register: Register) -> Decision<WorkerId> {
+    pub fn register(&self, register: Register, now: Millis) -> Decision<WorkerId> {
         let id = WorkerId(self.counters.worker + 1);
-        let record = WorkerRecord {
+        let namesakes = self.workers.values().filter(|other| other.record.name == register.name);
+        let held: Vec<&Worker> = namesakes.filter(|other| other.is_held()).collect();
+        let standing = held.first().map(|other| other.record.standing.clone());
+        let gone = held
+            .iter()
+            .filter(|other| self.is_silent(other, now) && !self.holds_leases(other));
+        let mut changes: Vec<Change> = gone.map(|other| Change::WorkerForgotten(other.record.id)).collect();
+        changes.push(Change::WorkerRegistered(WorkerRecord {
             id,
             name: register.name,
             threads: register.threads,
             renderer: register.renderer,
             tags: register.tags,
-            standing: Standing::default(),
-        };
-        Decision::new(id, vec![Change::WorkerRegistered(record)])
+            standing: standing.unwrap_or_default(),
+        }));
+        Decision::new(id, changes)
+    }
+
+    fn is_silent(&self, worker: &Worker, now: Millis) -> bool {
+        now.saturating_sub(worker.last_seen_ms) >= self.config.lease_ttl_ms
+    }
+
+    fn holds_leases(&self, worker: &Worker) -> bool {
+        self.leases_of(worker.record.id).next().is_some()
     }
 
     /// Somebody submits a job; bundle and limits have been checked.
@@ -234,82 +284,6 @@ impl Farm {
         Decision::new(id, vec![Change::JobSubmitted(head)])
     }
 
-    /// Somebody cancels a job.
-    pub fn cancel(&self, job: JobId, now: Millis) -> Result<Decision<()>, Refusal> {
-        let job = self.live_job(job)?.id();
-        let ended = Change::JobEnded {
-            job,
-            state: JobState::Cancelled,
-            failure: None,
-            ended_ms: now,
-        };
-        Ok(Decision::new((), vec![ended]))
-    }
-
-    /// A worker asks for work. Its leases that it does not name were granted in replies that never arrived: they end.
-    pub fn lease(
-        &self,
-        worker: WorkerId,
-        held: &[LeaseToken],
-        now: Millis,
-    ) -> Result<Decision<Option<LeaseRecord>>, Refusal> {
-        if !self.workers.contains_key(&worker) {
-            return Err(Refusal::UnknownWorker(worker));
-        }
-        let orphans = self.leases_of(worker).filter(|lease| !held.contains(&lease.token));
-        let mut changes: Vec<Change> = orphans
-            .map(|lease| Change::LeaseEnded {
-                job: lease.job,
-                token: lease.token,
-            })
-            .collect();
-        let orphaned = !changes.is_empty();
-        let granted = if orphaned { None } else { self.next_lease(worker, now) };
-        changes.extend(granted.clone().map(Change::LeaseGranted));
-        Ok(Decision::new(granted, changes))
-    }
-
-    fn next_lease(&self, worker: WorkerId, now: Millis) -> Option<LeaseRecord> {
-        let workers = self.active_workers(now);
-        let fresh = |job: &Job| Some((job.id(), job.next_block(worker, workers, &self.config)?));
-        let again = |job: &Job| Some((job.id(), job.straggler(worker, now, &self.config)?));
-        let (job, block) = self
-            .jobs
-            .values()
-            .find_map(fresh)
-            .or_else(|| self.jobs.values().find_map(again))?;
-        let Block {
-            node,
-            expected_ms,
-            attempt,
-        } = block;
-        let token = LeaseToken(self.counters.token + 1);
-        Some(LeaseRecord {
-            token,
-            job,
-            node,
-            worker,
-            attempt,
-            granted_ms: now,
-            expected_ms,
-            verifies: false,
-            share: [0; 2],
-            until_ms: now + self.config.lease_ttl_ms,
-            restarts: 0,
-        })
-    }
-
-    fn active_workers(&self, now: Millis) -> u64 {
-        let heard = |worker: &&Worker| now.saturating_sub(worker.last_seen_ms) < self.config.lease_ttl_ms;
-        self.workers.values().filter(heard).count() as u64
-    }
-
-    /// A worker delivers a node of a job that has not ended. For one that has, ask [`Job::deliver`].
-    pub fn deliver(&self, delivery: &Delivery) -> Result<Decision<Delivered>, Refusal> {
-        let (reply, changes) = self.live_job(delivery.job)?.deliver(delivery)?;
-        Ok(Decision::new(reply, changes))
-    }
-
     /// A worker could not render a leaf. A fault of the scene ends the job at once.
     pub fn fail(
         &self,
@@ -320,6 +294,11 @@ impl Farm {
         now: Millis,
     ) -> Result<Decision<()>, Refusal> {
         let live = self.live_job(job)?;
+        if let Ok(lease) = live.lease(token, attempt.worker)
+            && lease.record.verifies
+        {
+            return Ok(Decision::new((), self.hear_failure(live, &lease.record, now)));
+        }
         let (kind, message) = (attempt.kind, attempt.message.clone());
         let mut changes = live.fail(token, leaf, attempt)?;
         if kind == FailureKind::Scene {
@@ -349,19 +328,28 @@ impl Farm {
             token: lease.token,
         };
         let mut changes: Vec<Change> = self.leases_of(worker).map(ended).collect();
-        if self.workers.contains_key(&worker) {
+        if self.workers.get(&worker).is_some_and(|worker| !worker.is_held()) {
             changes.push(Change::WorkerForgotten(worker));
         }
         Decision::new((), changes)
     }
 
-    /// Ends leases that were not renewed in time, and forgets workers that were silent for long.
+    /// What the clock makes happen: leases end that were not renewed in time, deadlines pass, and workers that were
+    /// silent for long are forgotten.
     #[must_use]
     pub fn expire(&self, now: Millis) -> Decision<()> {
-        let mut changes: Vec<Change> = self.jobs.values().flat_map(|job| job.expire(now)).collect();
+        let mut changes = Vec::new();
+        for job in self.jobs.values() {
+            let stopped = job.meet_deadline(now);
+            if stopped.is_empty() {
+                changes.extend(job.expire(now));
+                changes.extend(self.waive(job, now));
+            }
+            changes.extend(stopped);
+        }
         let silent = |worker: &&Worker| now.saturating_sub(worker.last_seen_ms) > self.config.forget_worker_ms;
         for worker in self.workers.values().filter(silent) {
-            if self.leases_of(worker.record.id).next().is_none() {
+            if !worker.is_held() && !self.holds_leases(worker) {
                 changes.push(Change::WorkerForgotten(worker.record.id));
             }
         }
@@ -400,50 +388,6 @@ impl Farm {
         Decision::new((), ended.into_iter().collect())
     }
 
-    /// A sign of life: renews the leases named and returns those that are not held any more. Nothing of it is kept.
-    pub fn heartbeat(
-        &mut self,
-        worker: WorkerId,
-        leases: &[LeaseProgress],
-        now: Millis,
-    ) -> Result<Vec<LeaseToken>, Refusal> {
-        self.seen(worker, now)?;
-        let until = now + self.config.lease_ttl_ms;
-        let mut lost = Vec::new();
-        for progress in leases {
-            let mut jobs = self.jobs.values_mut();
-            match jobs.find(|job| job.lease(progress.token, worker).is_ok()) {
-                Some(job) => {
-                    if let Some(lease) = job.leases.get_mut(&progress.token) {
-                        lease.expires_ms = lease.expires_ms.max(until);
-                        lease.leaves_done = u64::from(progress.leaves_done).min(lease.record.node.leaves());
-                    }
-                    let rendered = job.rendered();
-                    job.pace.sample(now, rendered);
-                }
-                None => lost.push(progress.token),
-            }
-        }
-        Ok(lost)
-    }
-
-    /// A worker was heard of.
-    pub fn seen(&mut self, worker: WorkerId, now: Millis) -> Result<(), Refusal> {
-        let worker = self.workers.get_mut(&worker).ok_or(Refusal::UnknownWorker(worker))?;
-        worker.last_seen_ms = now;
-        Ok(())
-    }
-
-    /// A delivery was counted: learns how fast its worker is. Nothing of it is kept.
-    pub fn observe(&mut self, delivery: &Delivery, now: Millis) {
-        if let Some(job) = self.jobs.get_mut(&delivery.job) {
-            let seconds = delivery.totals.seconds.total();
-            job.pace.observe(delivery.worker, seconds, delivery.node.leaves());
-            let rendered = job.rendered();
-            job.pace.sample(now, rendered);
-        }
-    }
-
     /// Applies a committed change. A job that ends leaves the farm: it lives on in the store.
     pub fn evolve(&mut self, change: &Change, now: Millis) {
         let lease_until = now + self.config.lease_ttl_ms;
@@ -469,7 +413,7 @@ impl Farm {
                 self.jobs.insert(head.id, Job::new(head.clone()));
             }
             Change::JobReopened { record, .. } => {
-                let job = Job::from_record((**record).clone(), lease_until);
+                let job = Job::from_record((**record).clone());
                 self.jobs.insert(job.id(), job);
             }
             Change::JobEnded { job, .. } => _ = self.jobs.remove(job),

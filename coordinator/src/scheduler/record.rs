@@ -118,6 +118,8 @@ pub enum Loss {
     Untrusted,
     /// The job stopped before it.
     Left,
+    /// A node that contains it was delivered whole.
+    Replaced,
 }
 
 /// A worker.

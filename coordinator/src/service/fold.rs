@@ -34,6 +34,19 @@ impl Service {
     /// Merges while there are siblings. One merge at a time in the whole process bounds its memory.
     async fn fold(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
         let _one_at_a_time = self.folding.lock().await;
+        self.merge_all(job).await?;
+        while self.measure_noise(job).await? {
+            self.merge_all(job).await?;
+        }
+        while let Some(node) = self.next_unread(job).await? {
+            if self.child(job, node).await?.is_some() {
+                self.transact(move |farm, _| Ok(farm.check(job, node.0))).await?;
+            }
+        }
+        self.transact(move |farm, now| Ok(farm.settle(job, now))).await
+    }
+
+    async fn merge_all(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
         while let Some((parent, children)) = self.next_merge(job).await? {
             let [Some(left), Some(right)] = [self.child(job, children[0]).await?, self.child(job, children[1]).await?]
             else {
@@ -52,12 +65,7 @@ impl Service {
                 self.collect(vec![(job, parent, digest)]);
             }
         }
-        while let Some(node) = self.next_unread(job).await? {
-            if self.child(job, node).await?.is_some() {
-                self.transact(move |farm, _| Ok(farm.check(job, node.0))).await?;
-            }
-        }
-        self.transact(move |farm, now| Ok(farm.settle(job, now))).await
+        Ok(())
     }
 
     /// A node of the image that nobody has looked at, where nothing is left to merge.
@@ -75,7 +83,11 @@ impl Service {
         }))
     }
 
-    async fn child(self: &Arc<Self>, job: JobId, node: (NodeKey, BlobHash)) -> Result<Option<Node>, ServiceError> {
+    pub(super) async fn child(
+        self: &Arc<Self>,
+        job: JobId,
+        node: (NodeKey, BlobHash),
+    ) -> Result<Option<Node>, ServiceError> {
         let resolution = self.fresh_farm().await?.farm.job(job).and_then(Job::resolution);
         self.node(job, node, resolution).await
     }

@@ -3,15 +3,17 @@
 use super::upload::next_piece;
 use super::{Service, ServiceError};
 use crate::access::Caller;
-use crate::scheduler::{Job, Refusal};
+use crate::scheduler::record::Millis;
+use crate::scheduler::{Decision, Farm, Job, Refusal};
 use crate::store::StoreError;
 use axum::body::Bytes;
 use futures_util::Stream;
-use photonfarm_proto::api::{BundleReply, JobPage};
+use photonfarm_proto::api::{BundleReply, JobPage, WorkerStatus};
 use photonfarm_proto::bundle::BundleManifest;
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::schedule::check_priority;
 use std::sync::Arc;
 
 /// Most jobs on a page.
@@ -164,6 +166,74 @@ impl Service {
         Ok(self.find_job(id).await?.head().owner.clone())
     }
 
+    /// Hands out no new work of a job, or goes on with it.
+    pub async fn pause_job(self: &Arc<Self>, id: JobId, paused: bool) -> Result<JobStatus, ServiceError> {
+        self.steer(id, move |farm, _| farm.pause(id, paused)).await
+    }
+
+    /// Sets the weight of a job.
+    pub async fn prioritize_job(self: &Arc<Self>, id: JobId, priority: u32) -> Result<JobStatus, ServiceError> {
+        check_priority(priority, "priority")?;
+        self.steer(id, move |farm, _| farm.prioritize(id, priority)).await
+    }
+
+    /// Changes a job that goes on; one that has ended is refused.
+    async fn steer(
+        self: &Arc<Self>,
+        id: JobId,
+        decide: impl Fn(&Farm, Millis) -> Result<Decision<()>, Refusal> + Send + 'static,
+    ) -> Result<JobStatus, ServiceError> {
+        match self.transact(decide).await {
+            Ok(()) => self.status(id).await,
+            Err(ServiceError::Refusal(Refusal::UnknownJob(_))) => {
+                self.find_job(id).await?;
+                Err(Refusal::JobEnded(id).into())
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Asks for more iterations of a job that goes on or is done.
+    pub(crate) async fn extend_job(
+        self: &Arc<Self>,
+        id: JobId,
+        iterations: u32,
+        caller: &Caller,
+    ) -> Result<JobStatus, ServiceError> {
+        self.limits.check_iterations(iterations)?;
+        let _one_at_a_time = self.submitting.lock().await;
+        let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
+        let ended = Some(record).filter(|record| record.ended_ms.is_some());
+        let status = self.status(id).await?;
+        let more = u64::from(iterations.saturating_sub(status.spec.iterations));
+        if more > 0 {
+            self.check_quota(caller, u64::from(ended.is_some()), more).await?;
+        }
+        self.transact(move |farm, _| farm.extend(id, iterations, ended.as_ref()))
+            .await?;
+        self.status(id).await
+    }
+
+    /// Puts a worker into quarantine.
+    pub async fn quarantine(self: &Arc<Self>, worker: WorkerId, reason: String) -> Result<WorkerStatus, ServiceError> {
+        let reason = photonfarm_proto::worker::cut_text(reason);
+        self.transact(move |farm, _| farm.quarantine(worker, &reason)).await?;
+        self.worker(worker).await
+    }
+
+    /// Lets a worker out of quarantine.
+    pub async fn release_worker(self: &Arc<Self>, worker: WorkerId) -> Result<WorkerStatus, ServiceError> {
+        self.transact(move |farm, _| farm.release_worker(worker)).await?;
+        self.worker(worker).await
+    }
+
+    async fn worker(&self, id: WorkerId) -> Result<WorkerStatus, ServiceError> {
+        let mut workers = self.workers().await?.into_iter();
+        Ok(workers
+            .find(|worker| worker.id == id)
+            .ok_or(Refusal::UnknownWorker(id))?)
+    }
+
     /// A page of jobs, newest first.
     pub async fn list_jobs(&self, cursor: Option<&str>, limit: Option<u32>) -> Result<JobPage, ServiceError> {
         let bad = |_| Problem::new(ErrorCode::Malformed, "cursor: not one that this service gave").at("cursor", None);
@@ -173,12 +243,12 @@ impl Service {
         let more = records.len() > limit as usize;
         records.truncate(limit as usize);
         let cell = self.fresh_farm().await?;
-        let config = cell.farm.config();
+        let (config, now) = (cell.farm.config(), self.clock.now());
         let jobs: Vec<JobStatus> = records
             .into_iter()
             .map(|record| match cell.farm.job(record.head.id) {
-                Some(job) => job.status(config),
-                None => Job::from_record(record, 0).status(config),
+                Some(job) => cell.farm.status(job, now),
+                None => Job::from_record(record).status(config),
             })
             .collect();
         let next = jobs.last().filter(|_| more).map(|job| job.id.to_string());

@@ -5,6 +5,7 @@ mod fold;
 mod image;
 mod jobs;
 mod nodes;
+mod noise;
 #[cfg(test)]
 mod tests;
 mod upload;
@@ -24,6 +25,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_tags;
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, Register, Release};
+use std::hash::{BuildHasher, RandomState};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::{Mutex, RwLock, Semaphore, watch};
@@ -104,6 +106,10 @@ impl Service {
     /// Goes on from what the stores hold.
     pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
         let clock = Clock::new(stores.state.clock_offset_ms());
+        let scheduler = SchedulerConfig {
+            verify_secret: RandomState::new().hash_one(0),
+            ..scheduler
+        };
         let (sequence, snapshot) = stores.state.load().await?;
         let farm = Farm::restore(scheduler, snapshot, clock.now());
         let service = Arc::new(Self {
@@ -124,6 +130,9 @@ impl Service {
             pictures: Semaphore::new(PICTURES),
             publishing: RwLock::default(),
         });
+        if !service.stores.state.is_shared() {
+            service.transact(|farm, _| Ok(farm.restarted())).await?;
+        }
         service.remove_orphans().await?;
         service.fold_all().await;
         Ok(service)
@@ -283,7 +292,8 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
         }
         check_tags(&register.tags, "tags")?;
-        self.transact(move |farm, _| Ok(farm.register(register.clone()))).await
+        self.transact(move |farm, now| Ok(farm.register(register.clone(), now)))
+            .await
     }
 
     /// Time between heartbeats that workers are told.
@@ -354,12 +364,18 @@ impl Service {
     }
 
     /// A sign of life; returns the leases that are lost.
-    pub async fn heartbeat(&self, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
+    pub async fn heartbeat(self: &Arc<Self>, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
         let mut cell = self.fresh_farm().await?;
         let lost = cell
             .farm
             .heartbeat(heartbeat.worker, &heartbeat.leases, self.clock.now())?;
+        let decision = cell.farm.reconnected(heartbeat.worker, self.clock.now());
         drop(cell);
+        if !decision.changes.is_empty() {
+            let worker = heartbeat.worker;
+            self.transact(move |farm, now| Ok(farm.reconnected(worker, now)))
+                .await?;
+        }
         self.progress.send_modify(|version| *version += 1);
         Ok(lost)
     }
@@ -410,14 +426,14 @@ impl Service {
             return Ok(job.clone());
         }
         let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-        Ok(Job::from_record(record, 0))
+        Ok(Job::from_record(record))
     }
 
     /// How far a job has come.
     pub async fn status(&self, id: JobId) -> Result<JobStatus, ServiceError> {
         let cell = self.fresh_farm().await?;
         if let Some(job) = cell.farm.job(id) {
-            return Ok(job.status(cell.farm.config()));
+            return Ok(cell.farm.status(job, self.clock.now()));
         }
         let config = cell.farm.config().clone();
         drop(cell);
@@ -465,7 +481,9 @@ impl Service {
 
 fn merged_digests(farm: &Farm, changes: &[Change]) -> Vec<(JobId, NodeKey, BlobHash)> {
     let merged = changes.iter().filter_map(|change| match change {
-        Change::NodeMerged { job, node } | Change::NodeLost { job, node, .. } => Some((*job, *node)),
+        Change::NodeMerged { job, node }
+        | Change::NodeLost { job, node, .. }
+        | Change::NodeJudged { job, node, .. } => Some((*job, *node)),
         _ => None,
     });
     merged
@@ -513,6 +531,7 @@ fn log_change(change: &Change) {
         Change::NodeLost { job, node, loss } => match loss {
             Loss::Damaged => tracing::error!(%job, %node, "node lost: its image is missing or damaged"),
             Loss::Untrusted => tracing::warn!(%job, %node, "node given up: a worker in quarantine had a part in it"),
+            Loss::Replaced => tracing::debug!(%job, %node, "node replaced by one that contains it"),
             Loss::Left => tracing::debug!(%job, %node, "node left out: the job stopped before it"),
         },
         Change::LeafFailed { job, leaf, attempt } => {

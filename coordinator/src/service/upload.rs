@@ -89,10 +89,18 @@ impl Service {
             let result = service.deliver(delivery.clone()).await;
             drop(publishing);
             match &result {
-                Ok(Delivered::Counted) => {
+                Ok(Delivered::Counted | Delivered::Repeated) => {
                     let now = service.clock.now();
                     service.fresh_farm().await?.farm.observe(&delivery, now);
                     service.fold_in_background(delivery.job);
+                    service.collect(vec![(delivery.job, delivery.node, delivery.digest)]);
+                }
+                Ok(Delivered::Disputed) => {
+                    let (worker, job, node) = (delivery.worker, delivery.job, delivery.node);
+                    tracing::error!(%worker, %job, %node, "incident: two results for one node; another worker decides");
+                    service.collect(vec![(job, node, delivery.digest)]);
+                    let detail = format!("job {job}: node {node} counts with another digest; another worker decides");
+                    return Err(Problem::new(ErrorCode::ResultConflict, detail).into());
                 }
                 Err(ServiceError::Refusal(refusal @ Refusal::Conflict { .. })) => {
                     let (worker, job, node) = (delivery.worker, delivery.job, delivery.node);
@@ -108,10 +116,10 @@ impl Service {
 
     async fn deliver(self: &Arc<Self>, delivery: Delivery) -> Result<Delivered, ServiceError> {
         let wanted = delivery.clone();
-        match self.transact(move |farm, _| farm.deliver(&wanted)).await {
+        match self.transact(move |farm, now| farm.deliver(&wanted, now)).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
                 let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-                Ok(Job::from_record(record, 0).deliver(&delivery)?.0)
+                Ok(Job::from_record(record).deliver(&delivery, false)?.0)
             }
             other => other,
         }

@@ -3,5 +3,6 @@
 mod access;
 mod clients;
 mod connections;
+mod steering;
 mod support;
 mod workers;

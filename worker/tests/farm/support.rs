@@ -177,6 +177,7 @@ impl Farm {
         let mut config = Config::new(self.folder.path().join("data"));
         config.scheduler.lease_ttl_ms = 1_500;
         config.scheduler.reconnect_ms = 5_000;
+        config.scheduler.retry_ms = 10;
         config
     }
 

@@ -2,11 +2,15 @@
 
 mod histories;
 mod rules;
+mod steering;
+mod verification;
+mod world;
 
 use super::record::LeaseRecord;
 use super::*;
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_proto::job::{PhaseSeconds, Totals};
+use photonfarm_proto::worker::LeaseProgress;
 
 fn spec(iterations: u32) -> JobSpec {
     JobSpec {
@@ -51,4 +55,40 @@ fn delivery(lease: &LeaseRecord, node: NodeKey) -> Delivery {
             ..Totals::default()
         },
     }
+}
+
+/// A farm that repeats no nodes and tries again at once.
+fn farm_with(iterations: u32, workers: u64) -> Farm {
+    let config = SchedulerConfig {
+        verify_until: 0,
+        retry_ms: 0,
+        longest_retry_ms: 0,
+        ..SchedulerConfig::default()
+    };
+    let mut farm = Farm::restore(config, Snapshot::default(), 0);
+    for _ in 0..workers {
+        commit(&mut farm, 0, |farm| farm.register(introduction(), 0));
+    }
+    commit(&mut farm, 0, |farm| {
+        farm.submit(spec(iterations), String::new(), None, 0)
+    });
+    farm
+}
+
+fn commit<T>(farm: &mut Farm, now: Millis, decide: impl FnOnce(&Farm) -> Decision<T>) -> T {
+    let Decision { reply, changes } = decide(farm);
+    changes.iter().for_each(|change| farm.evolve(change, now));
+    reply
+}
+
+fn grant(farm: &mut Farm, worker: u64, held: &[LeaseToken], now: Millis) -> Option<LeaseRecord> {
+    farm.seen(WorkerId(worker), now).unwrap();
+    commit(farm, now, |farm| farm.lease(WorkerId(worker), held, now).unwrap())
+}
+
+fn deliver(farm: &mut Farm, delivery: &Delivery, now: Millis) -> Result<Delivered, Refusal> {
+    let decision = farm.deliver(delivery, now)?;
+    let reply = commit(farm, now, |_| decision);
+    farm.observe(delivery, now);
+    Ok(reply)
 }

@@ -3,35 +3,6 @@
 use super::*;
 use crate::store::memory::Rows;
 
-fn farm_with(iterations: u32, workers: u64) -> Farm {
-    let mut farm = Farm::restore(SchedulerConfig::default(), Snapshot::default(), 0);
-    for _ in 0..workers {
-        commit(&mut farm, 0, |farm| farm.register(introduction()));
-    }
-    commit(&mut farm, 0, |farm| {
-        farm.submit(spec(iterations), String::new(), None, 0)
-    });
-    farm
-}
-
-fn commit<T>(farm: &mut Farm, now: Millis, decide: impl FnOnce(&Farm) -> Decision<T>) -> T {
-    let Decision { reply, changes } = decide(farm);
-    changes.iter().for_each(|change| farm.evolve(change, now));
-    reply
-}
-
-fn grant(farm: &mut Farm, worker: u64, held: &[LeaseToken], now: Millis) -> Option<LeaseRecord> {
-    farm.seen(WorkerId(worker), now).unwrap();
-    commit(farm, now, |farm| farm.lease(WorkerId(worker), held, now).unwrap())
-}
-
-fn deliver(farm: &mut Farm, delivery: &Delivery, now: Millis) -> Result<Delivered, Refusal> {
-    let decision = farm.deliver(delivery)?;
-    let reply = commit(farm, now, |_| decision);
-    farm.observe(delivery, now);
-    Ok(reply)
-}
-
 #[test]
 fn leases_grow_to_their_time_and_shrink_towards_the_end() {
     let mut farm = farm_with(64, 1);
@@ -283,7 +254,7 @@ fn leases_survive_a_restart_with_time_to_reconnect() {
             .submit(spec(4), String::new(), None, 0)
             .changes,
     );
-    let farm = keep(farm.register(introduction()).changes);
+    let farm = keep(farm.register(introduction(), 0).changes);
     let Decision { reply, changes } = farm.lease(WorkerId(1), &[], 0).unwrap();
     keep(changes);
     let lease = reply.unwrap();

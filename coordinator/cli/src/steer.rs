@@ -1,0 +1,182 @@
+//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `extend`, `priority`, `workers`: looks at a farm and steers it.
+
+use crate::args::CredentialArgs;
+use crate::client::Client;
+use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
+use anyhow::{Context, Result};
+use photonfarm_proto::api::{Extend, Quarantine, SetPriority, WorkerStatus};
+use photonfarm_proto::job::{JobState, JobStatus};
+use photonfarm_proto::schedule::StopReason;
+use serde::Serialize;
+
+fn block_on(work: impl Future<Output = Result<()>>) -> Result<()> {
+    tokio::runtime::Runtime::new()?.block_on(work)
+}
+
+async fn connect(coordinator: &str, credentials: &CredentialArgs) -> Result<Client> {
+    let client = Client::new(coordinator, credentials.load()?)?;
+    client.connect().await?;
+    Ok(client)
+}
+
+/// Lists jobs, newest first, or shows one.
+pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
+    block_on(async {
+        let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
+        match args.job {
+            Some(job) => show(&client.status(job).await?, args.json),
+            None if args.json => {
+                println!("{}", serde_json::to_string_pretty(&client.jobs(args.limit).await?)?);
+                Ok(())
+            }
+            None => {
+                client
+                    .jobs(args.limit)
+                    .await?
+                    .iter()
+                    .for_each(|job| println!("{}", job_line(job)));
+                Ok(())
+            }
+        }
+    })
+}
+
+/// Hands out no new work of a job, goes on with it, or cancels it.
+pub(crate) fn act(args: JobArg, action: &'static str) -> Result<()> {
+    steer(&args, async |client: Client| {
+        client.post_job(args.job, action, &serde_json::json!({})).await
+    })
+}
+
+/// Asks for more iterations.
+pub(crate) fn extend(args: ExtendArgs) -> Result<()> {
+    let iterations = args.iterations.get();
+    steer(&args.job, async |client: Client| {
+        client.post_job(args.job.job, "extend", &Extend { iterations }).await
+    })
+}
+
+/// Sets a job's priority.
+pub(crate) fn priority(args: PriorityArgs) -> Result<()> {
+    let priority = args.priority;
+    steer(&args.job, async |client: Client| {
+        client.set_priority(args.job.job, &SetPriority { priority }).await
+    })
+}
+
+fn steer(args: &JobArg, request: impl AsyncFnOnce(Client) -> Result<JobStatus>) -> Result<()> {
+    block_on(async {
+        let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
+        show(&request(client).await?, args.json)
+    })
+}
+
+/// Lists workers, puts one into quarantine, or lets it out.
+pub(crate) fn workers(args: WorkersArgs) -> Result<()> {
+    block_on(async {
+        let coordinator = args
+            .coordinator
+            .context("give --coordinator, or set PHOTONFARM_COORDINATOR")?;
+        let client = connect(&coordinator, &args.credentials).await?;
+        let workers = match args.command {
+            None => client.workers().await?,
+            Some(WorkersCommand::Quarantine { worker, reason }) => {
+                vec![client.post_worker(worker, "quarantine", &Quarantine { reason }).await?]
+            }
+            Some(WorkersCommand::Release { worker }) => {
+                vec![client.post_worker(worker, "release", &serde_json::json!({})).await?]
+            }
+        };
+        if args.json {
+            println!("{}", serde_json::to_string_pretty(&workers)?);
+        } else {
+            workers.iter().for_each(|worker| println!("{}", worker_line(worker)));
+        }
+        Ok(())
+    })
+}
+
+fn show(job: &JobStatus, json: bool) -> Result<()> {
+    if json {
+        return print(job);
+    }
+    println!("{}", job_line(job));
+    let noise = job
+        .checkpoint
+        .map(|at| format!("noise {:.4} at {} iterations", at.noise, at.iterations));
+    let doubt = (job.iterations_in_doubt > 0).then(|| format!("{} iterations are repeated", job.iterations_in_doubt));
+    let poisoned = job.poisoned.iter().map(|iteration| {
+        let message = iteration.attempts.last().map_or("", |attempt| &attempt.message);
+        format!("iteration {} was given up: {message}", iteration.iteration)
+    });
+    for line in noise
+        .into_iter()
+        .chain(doubt)
+        .chain(poisoned)
+        .chain(job.failure.clone())
+    {
+        println!("    {line}");
+    }
+    Ok(())
+}
+
+fn print<T: Serialize>(value: &T) -> Result<()> {
+    println!("{}", serde_json::to_string_pretty(value)?);
+    Ok(())
+}
+
+fn job_line(job: &JobStatus) -> String {
+    let schedule = &job.spec.schedule;
+    let state = match job.state {
+        _ if schedule.paused && !job.state.ended() => "paused",
+        JobState::Queued => "queued",
+        JobState::Running => "running",
+        JobState::Done => "done",
+        JobState::Failed => "failed",
+        JobState::Cancelled => "cancelled",
+    };
+    let mut line = format!(
+        "{}  {state}  {} of {}",
+        job.id, job.iterations_done, job.spec.iterations
+    );
+    if !job.owner.is_empty() {
+        line += &format!("  owner: {}", job.owner);
+    }
+    if !job.state.ended() {
+        line += &format!("  priority: {}  workers: {}", schedule.priority, job.workers);
+    }
+    if let Some(stop) = job.stop {
+        let reason = match stop.reason {
+            StopReason::Noise => "noise target",
+            StopReason::Deadline => "deadline",
+        };
+        line += &format!("  stopped by its {reason}, of {}", stop.asked);
+    }
+    if let Some(waiting) = job.waiting.as_ref().filter(|_| !schedule.paused) {
+        line += &format!("  waits: {waiting}");
+    }
+    line
+}
+
+fn worker_line(worker: &WorkerStatus) -> String {
+    let mut line = format!(
+        "{}  {}  threads: {}  leases: {}",
+        worker.id, worker.name, worker.threads, worker.leases
+    );
+    line += &format!(
+        "  silent: {:.0} s  confirmed: {}",
+        worker.silent_ms as f64 / 1e3,
+        worker.verified
+    );
+    if !worker.tags.is_empty() {
+        let tags: Vec<&str> = worker.tags.iter().map(String::as_str).collect();
+        line += &format!("  tags: {}", tags.join(","));
+    }
+    if worker.faults > 0 {
+        line += &format!("  faults: {}", worker.faults);
+    }
+    if let Some(reason) = &worker.quarantine {
+        line += &format!("  in quarantine: {reason}");
+    }
+    line
+}

@@ -1,0 +1,162 @@
+//! The command line of what looks at a farm and steers it.
+
+use crate::args::CredentialArgs;
+use anyhow::{Context, Result};
+use clap::{Args, Subcommand};
+use photonfarm_proto::id::{JobId, WorkerId};
+use photonfarm_proto::schedule::{PRIORITY, Schedule};
+use std::num::NonZeroU32;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// A running farm.
+#[derive(Debug, Args)]
+pub(crate) struct FarmArgs {
+    /// The farm's coordinator, such as http://127.0.0.1:7800
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
+    pub(crate) coordinator: String,
+    #[command(flatten)]
+    pub(crate) credentials: CredentialArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct JobsArgs {
+    /// Number of a job; without it, jobs are listed, newest first
+    #[arg(value_name = "JOB")]
+    pub(crate) job: Option<JobId>,
+    /// Jobs to list, at most 100
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub(crate) limit: u32,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct JobArg {
+    /// Number of the job
+    #[arg(value_name = "JOB")]
+    pub(crate) job: JobId,
+    /// Print the job's status as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ExtendArgs {
+    #[command(flatten)]
+    pub(crate) job: JobArg,
+    /// Number of iterations from now on
+    #[arg(value_name = "N")]
+    pub(crate) iterations: NonZeroU32,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PriorityArgs {
+    #[command(flatten)]
+    pub(crate) job: JobArg,
+    /// Weight among the jobs of its owner, from 1 to 100
+    #[arg(value_name = "P")]
+    pub(crate) priority: u32,
+}
+
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = false)]
+pub(crate) struct WorkersArgs {
+    #[command(subcommand)]
+    pub(crate) command: Option<WorkersCommand>,
+    /// Print JSON
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    /// The farm's coordinator, such as http://127.0.0.1:7800
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR", global = true)]
+    pub(crate) coordinator: Option<String>,
+    #[command(flatten)]
+    pub(crate) credentials: CredentialArgs,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum WorkersCommand {
+    /// Give a worker no work, and have its unconfirmed work in jobs that go on done again
+    Quarantine {
+        /// Number of the worker
+        worker: WorkerId,
+        /// Why, for people
+        #[arg(long, default_value = "by an administrator")]
+        reason: String,
+    },
+    /// Let a worker, and those of its name, out of quarantine
+    Release {
+        /// Number of the worker
+        worker: WorkerId,
+    },
+}
+
+/// When and where a job is worked on, and when it stops.
+#[derive(Debug, Args)]
+pub(crate) struct ScheduleArgs {
+    /// Weight among the jobs of the same owner, from 1 to 100
+    #[arg(long, value_name = "P", default_value_t = PRIORITY)]
+    priority: u32,
+    /// Tag that a worker must have (repeatable)
+    #[arg(long, value_name = "TAG")]
+    tag: Vec<String>,
+    /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance
+    #[arg(long, value_name = "X")]
+    noise_target: Option<f64>,
+    /// Stop after this time, such as 90s, 30m, 8h or 2d, with the iterations that are complete
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    within: Option<Duration>,
+}
+
+impl ScheduleArgs {
+    /// As the farm wants it.
+    pub(crate) fn schedule(&self) -> Result<Schedule> {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH)?;
+        let schedule = Schedule {
+            priority: self.priority,
+            deadline_ms: self.within.map(|within| (now + within).as_millis() as u64),
+            noise_target: self.noise_target,
+            tags: self.tag.iter().cloned().collect(),
+            ..Schedule::default()
+        };
+        schedule.check().context("the job cannot be scheduled so")?;
+        Ok(schedule)
+    }
+}
+
+/// A number and a unit: s, m, h or d.
+fn duration(text: &str) -> Result<Duration, String> {
+    let wrong = || "expected a time such as 90s, 30m, 8h or 2d".to_owned();
+    let unit = text.chars().last().ok_or_else(wrong)?;
+    let seconds = match unit {
+        's' => 1.0,
+        'm' => 60.0,
+        'h' => 3_600.0,
+        'd' => 86_400.0,
+        _ => return Err(wrong()),
+    };
+    match text[..text.len() - 1].parse::<f64>() {
+        Ok(count) if count > 0.0 && count * seconds < 1e10 => Ok(Duration::from_secs_f64(count * seconds)),
+        _ => Err(wrong()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_units() {
+        let seconds = |text| duration(text).map(|time| time.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds("1.5h"), Ok(5_400.0));
+        assert_eq!(seconds("2d"), Ok(172_800.0));
+        for bad in ["", "5", "m", "-1s", "0s", "1e300d", "NaNs", "5é"] {
+            assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Nodes that workers deliver: whether they count.
+
+use super::Refusal;
+use super::job::Job;
+use super::record::{Change, Loss, NodeRecord, Opinion};
+use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::job::Totals;
+use photonfarm_proto::node::NodeKey;
+
+/// A node that a worker delivers; its bytes are safe in the store, or the worker says so.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Delivery {
+    /// The lease under which it was rendered.
+    pub token: LeaseToken,
+    /// Who rendered it.
+    pub worker: WorkerId,
+    /// The job.
+    pub job: JobId,
+    /// The node.
+    pub node: NodeKey,
+    /// Image size.
+    pub resolution: [u32; 2],
+    /// Hash of its image.
+    pub digest: BlobHash,
+    /// Whether its worker stored the image and no coordinator has read it yet.
+    pub unread: bool,
+    /// What it took.
+    pub totals: Totals,
+}
+
+/// What became of a delivery.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delivered {
+    /// It counts from now on.
+    Counted,
+    /// It, or a node that contains it, counted already.
+    Duplicate,
+    /// It repeats a node that counts, to be compared with it.
+    Repeated,
+    /// It differs from a node that counts: another worker decides.
+    Disputed,
+}
+
+impl Job {
+    /// Decides over a delivery: whether it counts, is known, or is refused.
+    ///
+    /// A node in `doubt` is to be repeated by another worker before it is believed.
+    pub fn deliver(&self, delivery: &Delivery, doubt: bool) -> Result<(Delivered, Vec<Change>), Refusal> {
+        let Delivery {
+            token, node, digest, ..
+        } = *delivery;
+        let leaves = self.control.iterations;
+        if !node.fits(leaves) {
+            return Err(Refusal::Invalid(format!(
+                "node {node} lies beyond the job's {leaves} iterations"
+            )));
+        }
+        if let Some(known) = self.nodes.get(&node).filter(|known| known.digest != digest) {
+            return Err(Refusal::Conflict {
+                job: self.id(),
+                node,
+                counted: known.digest,
+                offered: digest,
+            });
+        }
+        if self.covering(node).is_some() {
+            return Ok((Delivered::Duplicate, self.leases_covered_by(None)));
+        }
+        if self.state.ended() {
+            return Err(Refusal::JobEnded(self.id()));
+        }
+        let lease = self.lease(token, delivery.worker)?;
+        if !lease.record.node.contains(node) {
+            return Err(Refusal::Invalid(format!(
+                "node {node} lies outside the lease of {}",
+                lease.record.node
+            )));
+        }
+        if let Some([width, height]) = self.resolution.filter(|fixed| *fixed != delivery.resolution) {
+            let [w, h] = delivery.resolution;
+            return Err(Refusal::Invalid(format!(
+                "an image of {w} x {h} for a job of {width} x {height}"
+            )));
+        }
+        Ok((Delivered::Counted, self.count(delivery, doubt)))
+    }
+
+    fn count(&self, delivery: &Delivery, doubt: bool) -> Vec<Change> {
+        let (job, node) = (self.id(), delivery.node);
+        let inner: Vec<NodeKey> = self.live.range(node.first()..node.end()).map(|(_, key)| *key).collect();
+        let loss = Loss::Replaced;
+        let over = inner.iter().flat_map(|node| self.verifiers(*node));
+        let mut changes: Vec<Change> = over.map(|lease| self.end_lease(lease.token)).collect();
+        changes.extend(inner.iter().map(|node| Change::NodeLost { job, node: *node, loss }));
+        let opinion = Opinion {
+            worker: delivery.worker,
+            digest: delivery.digest,
+        };
+        changes.push(Change::NodeAdded {
+            job,
+            node,
+            record: NodeRecord {
+                worker: Some(delivery.worker),
+                unread: delivery.unread,
+                totals: Some(delivery.totals),
+                opinions: if doubt { vec![opinion] } else { vec![] },
+                ..NodeRecord::new(delivery.digest)
+            },
+            resolution: delivery.resolution,
+        });
+        changes.extend(self.leases_covered_by(Some(node)));
+        changes
+    }
+
+    /// Ends the leases of which every leaf is in the image once `added` is.
+    fn leases_covered_by(&self, added: Option<NodeKey>) -> Vec<Change> {
+        let covered = |block: NodeKey| match added {
+            Some(node) if node.contains(block) => true,
+            Some(node) if block.contains(node) => {
+                self.covered_within(block) - self.covered_within(node) + node.leaves() == block.leaves()
+            }
+            _ => self.covered_within(block) == block.leaves(),
+        };
+        self.leases
+            .values()
+            .filter(|lease| !lease.record.verifies && covered(lease.record.node))
+            .map(|lease| self.end_lease(lease.record.token))
+            .collect()
+    }
+}

@@ -1,0 +1,565 @@
+//! A farm, its store, a network that loses and repeats, and workers that come and go, work, fail and lie.
+
+mod checks;
+mod model;
+
+use super::*;
+use crate::store::memory::Rows;
+use model::{Random, honest, lie, noise, sum};
+use photonfarm_core::settings::{IntegratorSettings, PathSettings};
+use photonfarm_proto::schedule::Schedule;
+use record::{JobRecord, NodeRecord};
+use std::collections::BTreeSet;
+
+/// What a history is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mode {
+    /// Nobody lies.
+    Honest,
+    /// Everything is repeated, and two honest workers are always there.
+    Guarded,
+    /// Anything.
+    Free,
+}
+
+/// What a worker is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Honest,
+    /// Fails now and then at what others can render.
+    Clumsy,
+    /// Sends wrong bits more often than not.
+    Liar,
+}
+
+#[derive(Clone, Debug)]
+struct Hand {
+    kind: Kind,
+    leases: Vec<LeaseRecord>,
+}
+
+#[derive(Clone, Debug)]
+enum Letter {
+    Node(Delivery),
+    Failure(LeaseRecord, u32, FailureKind),
+    Release(LeaseRecord),
+}
+
+/// How often things happened.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Seen {
+    pub(super) verdicts: u64,
+    pub(super) disputes: u64,
+    pub(super) quarantines: u64,
+    pub(super) stops: u64,
+    pub(super) reopened: u64,
+    pub(super) lies_that_counted: u64,
+    pub(super) poisoned: u64,
+}
+
+impl Seen {
+    pub(super) fn add(&mut self, other: &Self) {
+        self.verdicts += other.verdicts;
+        self.disputes += other.disputes;
+        self.quarantines += other.quarantines;
+        self.stops += other.stops;
+        self.reopened += other.reopened;
+        self.lies_that_counted += other.lies_that_counted;
+        self.poisoned += other.poisoned;
+    }
+}
+
+pub(super) struct World {
+    pub(super) random: Random,
+    mode: Mode,
+    config: SchedulerConfig,
+    farm: Farm,
+    rows: Rows,
+    now: Millis,
+    hands: BTreeMap<WorkerId, Hand>,
+    guards: Vec<WorkerId>,
+    dishonest: BTreeSet<WorkerId>,
+    by_hand: BTreeSet<WorkerId>,
+    post: Vec<Letter>,
+    cursed: BTreeSet<(JobId, u32)>,
+    highest_token: u64,
+    names: u64,
+    /// Whether the process may be killed.
+    kills: bool,
+    pub(super) seen: Seen,
+}
+
+impl World {
+    pub(super) fn new(seed: u64, mode: Mode) -> Self {
+        let mut random = Random(seed);
+        let verify_until = match mode {
+            Mode::Guarded => u32::MAX,
+            _ => [0, 1, 3, u32::MAX][random.below(4) as usize],
+        };
+        let config = SchedulerConfig {
+            verify_until,
+            verify_secret: seed,
+            ..SchedulerConfig::default()
+        };
+        let mut world = Self {
+            random,
+            mode,
+            farm: Farm::restore(config.clone(), Snapshot::default(), 0),
+            config,
+            rows: Rows::default(),
+            now: 10_000_000,
+            hands: BTreeMap::new(),
+            guards: Vec::new(),
+            dishonest: BTreeSet::new(),
+            by_hand: BTreeSet::new(),
+            post: Vec::new(),
+            cursed: BTreeSet::new(),
+            highest_token: 0,
+            names: 0,
+            kills: false,
+            seen: Seen::default(),
+        };
+        if mode == Mode::Guarded {
+            world.guards = (0..2).filter_map(|_| world.hire(Kind::Honest, "1+a", true)).collect();
+        }
+        world.kills = true;
+        for _ in 0..1 + world.random.below(3) {
+            world.submit();
+        }
+        world
+    }
+
+    fn submit(&mut self) {
+        let iterations = 1 + self.random.below(33) as u32;
+        let mut schedule = Schedule {
+            priority: 1 + self.random.below(20) as u32,
+            ..Schedule::default()
+        };
+        if self.random.chance(25) {
+            schedule.noise_target = Some([0.6, 0.36, 0.26, 0.01][self.random.below(4) as usize]);
+        }
+        if self.mode != Mode::Guarded && self.random.chance(15) {
+            schedule.deadline_ms = Some(self.now + self.random.below(400_000));
+        }
+        if self.random.chance(15) {
+            schedule.tags.insert("gpu".into());
+        }
+        let spec = JobSpec {
+            scene: BlobHash([7; 32]),
+            main: "scene.xml".into(),
+            defines: Default::default(),
+            integrator: IntegratorSettings::Path(PathSettings::default()),
+            iterations,
+            seed: 0,
+            schedule,
+        };
+        let owner = if self.random.chance(50) { "ann" } else { "bob" };
+        let decision = self.farm.submit(spec, owner.to_owned(), None, self.now);
+        if let Some(job) = self.transact(decision)
+            && self.random.chance(30)
+        {
+            let leaf = self.random.below(iterations.into()) as u32;
+            self.cursed.insert((job, leaf));
+        }
+    }
+
+    fn hire(&mut self, kind: Kind, renderer: &str, gpu: bool) -> Option<WorkerId> {
+        self.names += 1;
+        let name = if self.kills && self.random.chance(10) {
+            0
+        } else {
+            self.names
+        };
+        let register = Register {
+            name: format!("worker {name}"),
+            renderer: renderer.into(),
+            tags: if gpu {
+                ["gpu".to_owned()].into()
+            } else {
+                Default::default()
+            },
+            ..introduction()
+        };
+        let worker = self.transact(self.farm.register(register, self.now))?;
+        self.hands.insert(
+            worker,
+            Hand {
+                kind,
+                leases: Vec::new(),
+            },
+        );
+        if kind == Kind::Liar {
+            self.dishonest.insert(worker);
+        }
+        if self.farm.workers[&worker].is_held() {
+            self.by_hand.insert(worker);
+        }
+        Some(worker)
+    }
+
+    /// Commits and applies; now and then the process is killed before or after the commit, and the reply is lost.
+    fn transact<T>(&mut self, decision: Decision<T>) -> Option<T> {
+        let killed = self.kills && self.random.chance(3);
+        if killed && self.random.chance(50) {
+            self.restart();
+            return None;
+        }
+        for change in &decision.changes {
+            self.check_change(change);
+            self.rows.apply(change);
+            self.farm.evolve(change, self.now);
+        }
+        if killed {
+            self.restart();
+            return None;
+        }
+        Some(decision.reply)
+    }
+
+    fn restart(&mut self) {
+        if self.random.chance(20) {
+            self.now -= self.random.below(self.now / 1_000);
+        }
+        self.farm = Farm::restore(self.config.clone(), self.rows.snapshot(), self.now);
+        for change in self.farm.restarted().changes {
+            self.rows.apply(&change);
+            self.farm.evolve(&change, self.now);
+        }
+        self.fold_all();
+    }
+
+    fn fold_all(&mut self) {
+        let jobs: Vec<JobId> = self.farm.jobs().map(Job::id).collect();
+        jobs.into_iter().for_each(|job| self.fold(job));
+    }
+
+    /// What the clock makes happen.
+    fn tick(&mut self) {
+        self.transact(self.farm.expire(self.now));
+        self.fold_all();
+    }
+
+    fn fold(&mut self, id: JobId) {
+        loop {
+            while let Some(parent) = self.farm.job(id).and_then(Job::next_merge) {
+                let job = self.farm.job(id).unwrap();
+                let [left, right] = parent.children().unwrap().map(|child| job.nodes[&child].digest);
+                if self.transact(self.farm.merge(id, parent, sum(left, right))).is_none() {
+                    return;
+                }
+            }
+            let Some((node, _)) = self.farm.job(id).and_then(Job::due_checkpoint) else {
+                break;
+            };
+            if self
+                .transact(self.farm.checkpoint(id, node, noise(node.level)))
+                .is_none()
+            {
+                return;
+            }
+        }
+        self.transact(self.farm.settle(id, self.now));
+    }
+
+    pub(super) fn step(&mut self) {
+        self.now += if self.random.chance(4) {
+            self.random.below(120_000)
+        } else {
+            self.random.below(2_000)
+        };
+        for guard in &self.guards {
+            self.farm.seen(*guard, self.now).unwrap();
+        }
+        match self.random.below(24) {
+            0 => self.hire_somebody(),
+            1 => self.lose_somebody(),
+            2 => self.restart(),
+            3 | 4 => self.tick(),
+            5..=9 => self.ask_for_work(),
+            10..=15 => self.finish_work(),
+            16 => self.steer(),
+            17 => self.beat(),
+            _ => self.carry_letter(),
+        }
+        if self.random.chance(10) {
+            self.check();
+        }
+    }
+
+    fn hire_somebody(&mut self) {
+        let kind = match self.random.below(5) {
+            _ if self.mode == Mode::Honest => Kind::Honest,
+            0 | 1 => Kind::Liar,
+            2 => Kind::Clumsy,
+            _ => Kind::Honest,
+        };
+        let other = self.mode == Mode::Free && self.random.chance(10);
+        let gpu = self.random.chance(50);
+        self.hire(kind, if other { "1+b" } else { "1+a" }, gpu);
+    }
+
+    fn lose_somebody(&mut self) {
+        let workers: Vec<WorkerId> = self
+            .hands
+            .keys()
+            .copied()
+            .filter(|id| !self.guards.contains(id))
+            .collect();
+        if self.random.chance(30)
+            && let Some(lost) = self.random.pick(&workers).copied()
+        {
+            self.hands.remove(&lost);
+            if self.random.chance(50) {
+                self.transact(self.farm.leave(lost));
+            }
+        }
+    }
+
+    fn some_job(&mut self) -> Option<JobId> {
+        let jobs: Vec<JobId> = self.rows.jobs.keys().copied().collect();
+        self.random.pick(&jobs).copied()
+    }
+
+    /// Somebody at the command line.
+    fn steer(&mut self) {
+        let Some(job) = self.some_job() else { return };
+        let ended = self
+            .rows
+            .jobs
+            .get(&job)
+            .filter(|record| record.ended_ms.is_some())
+            .cloned();
+        let decision = match self.random.below(10) {
+            0 => return self.submit(),
+            1 => self.farm.pause(job, true),
+            2 | 3 => self.farm.pause(job, false),
+            4 => self.farm.prioritize(job, 1 + self.random.below(100) as u32),
+            5 | 6 => {
+                let more = self.rows.jobs[&job].control.iterations + self.random.below(9) as u32;
+                self.farm.extend(job, more, ended.as_ref())
+            }
+            7 if self.random.chance(30) => self.farm.cancel(job, self.now),
+            8 if self.mode == Mode::Free => return self.quarantine_somebody(),
+            _ => self.farm.pause(job, false),
+        };
+        match decision {
+            Ok(decision) => _ = self.transact(decision),
+            Err(Refusal::UnknownJob(_) | Refusal::JobEnded(_)) => {}
+            Err(other) => panic!("{other}"),
+        }
+        self.fold(job);
+    }
+
+    fn quarantine_somebody(&mut self) {
+        let Some(worker) = self.some_hand() else { return };
+        let release = self.random.chance(50);
+        let decision = match release {
+            true => self.farm.release_worker(worker),
+            false => self.farm.quarantine(worker, "by hand"),
+        };
+        if !release {
+            self.by_hand.insert(worker);
+        }
+        if let Ok(decision) = decision {
+            self.transact(decision);
+        }
+    }
+
+    fn some_hand(&mut self) -> Option<WorkerId> {
+        let workers: Vec<WorkerId> = self.hands.keys().copied().collect();
+        self.random.pick(&workers).copied()
+    }
+
+    /// A worker is heard of: with some of its leases, or with none.
+    fn beat(&mut self) {
+        let Some(worker) = self.some_hand() else { return };
+        let leases = &self.hands[&worker].leases;
+        let progress = leases.iter().map(|lease| LeaseProgress {
+            token: lease.token,
+            leaves_done: self.random.below(lease.node.leaves() + 1) as u32,
+        });
+        let progress: Vec<LeaseProgress> = progress.collect();
+        match self.farm.heartbeat(worker, &progress, self.now) {
+            Ok(lost) => {
+                let hand = self.hands.get_mut(&worker).unwrap();
+                hand.leases.retain(|lease| !lost.contains(&lease.token));
+                self.transact(self.farm.reconnected(worker, self.now));
+            }
+            Err(_) => _ = self.hands.remove(&worker),
+        }
+    }
+
+    fn ask_for_work(&mut self) {
+        if let Some(worker) = self.some_hand() {
+            self.ask_for(worker);
+        }
+    }
+
+    fn ask_for(&mut self, worker: WorkerId) {
+        let held: Vec<LeaseToken> = self.hands[&worker].leases.iter().map(|lease| lease.token).collect();
+        let _ = self.farm.seen(worker, self.now);
+        let Ok(decision) = self.farm.lease(worker, &held, self.now) else {
+            self.hands.remove(&worker);
+            return;
+        };
+        let lost = self.kills && self.random.chance(15);
+        if let Some(Some(lease)) = self.transact(decision)
+            && !lost
+        {
+            self.hands.get_mut(&worker).unwrap().leases.push(lease);
+        }
+    }
+
+    fn finish_work(&mut self) {
+        if let Some(worker) = self.some_hand() {
+            self.finish(worker);
+        }
+    }
+
+    /// A worker ends some lease: whole, in part, or with a failure; letters go into the post.
+    fn finish(&mut self, worker: WorkerId) {
+        let hand = self.hands.get_mut(&worker).unwrap();
+        if hand.leases.is_empty() {
+            return;
+        }
+        let kind = hand.kind;
+        let lease = hand.leases.remove(self.random.below(hand.leases.len() as u64) as usize);
+        let lies = kind == Kind::Liar && self.random.chance(60);
+        let cursed = |leaf: &u64| self.cursed.contains(&(lease.job, *leaf as u32));
+        let mut bad = (lease.node.first()..lease.node.end()).find(cursed).filter(|_| !lies);
+        if kind == Kind::Clumsy && self.random.chance(20) {
+            bad = bad.or(Some(lease.node.first()));
+        }
+        let part = bad.or_else(|| {
+            let drained = self.kills && self.random.chance(20);
+            drained.then(|| lease.node.first() + self.random.below(lease.node.leaves()))
+        });
+        let render = |node: NodeKey| {
+            let digest = if lies {
+                lie(worker, lease.job, node)
+            } else {
+                honest(lease.job, node)
+            };
+            Letter::Node(Delivery {
+                digest,
+                ..delivery(&lease, node)
+            })
+        };
+        let Some(stop) = part else {
+            return self.post.push(render(lease.node));
+        };
+        let mut first = lease.node.first();
+        while first < stop {
+            let level = (stop - first).ilog2().min(first.trailing_zeros());
+            let node = NodeKey {
+                level,
+                index: (first >> level) as u32,
+            };
+            self.post.push(render(node));
+            first = node.end();
+        }
+        let kind = if self.random.chance(50) {
+            FailureKind::Render
+        } else {
+            FailureKind::Panic
+        };
+        let last = if bad.is_some() {
+            Letter::Failure(lease, stop as u32, kind)
+        } else {
+            Letter::Release(lease)
+        };
+        self.post.push(last);
+    }
+
+    /// The network delivers any letter, perhaps not for the last time, or loses it.
+    fn carry_letter(&mut self) {
+        if self.post.is_empty() {
+            return;
+        }
+        let index = self.random.below(self.post.len() as u64) as usize;
+        let letter = if self.random.chance(25) {
+            self.post[index].clone()
+        } else {
+            self.post.swap_remove(index)
+        };
+        if self.random.chance(85) {
+            self.receive(letter);
+        }
+    }
+
+    fn receive(&mut self, letter: Letter) {
+        let (job, decision) = match letter {
+            Letter::Node(delivery) => {
+                let mut decision = self.farm.deliver(&delivery, self.now);
+                if let Err(Refusal::UnknownJob(_)) = decision {
+                    let record = self.rows.jobs[&delivery.job].clone();
+                    let (reply, changes) = match Job::from_record(record).deliver(&delivery, false) {
+                        Ok(found) => found,
+                        Err(refusal) => return self.check_refusal(&refusal),
+                    };
+                    assert_eq!((reply, changes), (Delivered::Duplicate, vec![]));
+                    return;
+                }
+                if let Ok(known) = &mut decision {
+                    assert!(known.reply != Delivered::Disputed || self.mode != Mode::Honest);
+                    self.farm.observe(&delivery, self.now);
+                }
+                (delivery.job, decision.map(|d| Decision::new((), d.changes)))
+            }
+            Letter::Failure(lease, leaf, kind) => {
+                let attempt = Attempt {
+                    worker: lease.worker,
+                    kind,
+                    message: "cursed".into(),
+                    at_ms: self.now,
+                };
+                let decision = self.farm.fail(lease.job, lease.token, leaf, attempt, self.now);
+                (lease.job, decision)
+            }
+            Letter::Release(lease) => (lease.job, Ok(self.farm.release(lease.job, lease.token, lease.worker))),
+        };
+        match decision {
+            Ok(decision) => _ = self.transact(decision),
+            Err(refusal) => self.check_refusal(&refusal),
+        }
+        self.fold(job);
+    }
+
+    /// Three workers that work and are heard bring everything to its end.
+    pub(super) fn bring_to_end(&mut self) {
+        self.hands.clear();
+        self.guards.clear();
+        self.kills = false;
+        self.post.clear();
+        for job in self.farm.jobs().map(Job::id).collect::<Vec<_>>() {
+            self.transact(self.farm.pause(job, false).unwrap());
+        }
+        let bound = self.farm.jobs().filter_map(|job| job.control.renderer.clone());
+        let renderers: BTreeSet<String> = bound.chain(["1+a".to_owned()]).collect();
+        for renderer in renderers {
+            (0..3).for_each(|_| _ = self.hire(Kind::Honest, &renderer, true));
+        }
+        for _ in 0..2_000 {
+            if self.farm.jobs().next().is_none() {
+                return;
+            }
+            self.now += 3_000;
+            let workers: Vec<WorkerId> = self.hands.keys().copied().collect();
+            for worker in &workers {
+                self.farm.seen(*worker, self.now).unwrap();
+            }
+            self.tick();
+            for worker in workers {
+                self.ask_for(worker);
+                while !self.hands[&worker].leases.is_empty() {
+                    self.finish(worker);
+                }
+            }
+            for letter in std::mem::take(&mut self.post) {
+                self.receive(letter);
+            }
+        }
+        let left: Vec<_> = self.farm.jobs().map(|job| self.farm.status(job, self.now)).collect();
+        panic!("no progress: {left:?}");
+    }
+}

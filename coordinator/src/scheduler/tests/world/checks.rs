@@ -1,0 +1,180 @@
+//! What must hold, whatever happens.
+
+use super::model::{honest, noise};
+use super::*;
+
+impl World {
+    pub(super) fn check_change(&mut self, change: &Change) {
+        match change {
+            Change::LeaseGranted(lease) => {
+                assert!(lease.token.0 > self.highest_token, "tokens rise");
+                self.highest_token = lease.token.0;
+                let job = self.farm.job(lease.job).unwrap();
+                let worker = &self.farm.workers[&lease.worker];
+                assert!(worker.fits(job) && !job.is_paused() && lease.node.end() <= job.leaves());
+            }
+            Change::NodeAdded { job, node, record, .. } => {
+                let job = self.farm.job(*job).unwrap();
+                assert!(node.end() <= job.leaves());
+                let wrong = record.digest != honest(job.id(), *node);
+                self.seen.lies_that_counted += u64::from(wrong && record.worker.is_some());
+            }
+            Change::NodeMerged { job, node } => {
+                let job = self.farm.job(*job).unwrap();
+                assert!(job.is_live(*node) && !job.is_in_doubt(*node));
+            }
+            Change::NodeJudged { job, node, record } => {
+                self.seen.verdicts += u64::from(record.verified);
+                let disputed = record.opinions.iter().any(|other| other.digest != record.digest);
+                self.seen.disputes += u64::from(disputed);
+                assert!(!disputed || self.mode != Mode::Honest || self.is_cursed(*job, *node));
+            }
+            Change::WorkerJudged { worker, standing } => self.check_standing(*worker, standing),
+            Change::JobChanged { control, .. } => self.seen.stops += u64::from(control.stop.is_some()),
+            Change::JobReopened { .. } => self.seen.reopened += 1,
+            _ => {}
+        }
+    }
+
+    pub(super) fn is_cursed(&self, job: JobId, node: NodeKey) -> bool {
+        (node.first()..node.end()).any(|leaf| self.cursed.contains(&(job, leaf as u32)))
+    }
+
+    /// Nobody honest is refuted, and where honest workers decide nobody honest goes into quarantine.
+    pub(super) fn check_standing(&mut self, worker: WorkerId, standing: &record::Standing) {
+        let Some(reason) = &standing.quarantine else { return };
+        self.seen.quarantines += 1;
+        let refuted = reason.contains("two others agree");
+        assert!(
+            !refuted || self.dishonest.contains(&worker) || self.by_hand.contains(&worker),
+            "{worker}: {reason}"
+        );
+        assert!(self.mode != Mode::Guarded || !self.guards.contains(&worker), "{reason}");
+    }
+
+    /// What counts is disjoint and within the job; what two agreed about is right; what is remembered is kept.
+    pub(in crate::scheduler::tests) fn check(&self) {
+        let mut tokens = BTreeSet::new();
+        for job in self.farm.jobs() {
+            let mut end = 0;
+            for (node, _) in job.live_nodes() {
+                assert!(node.first() >= end && node.end() <= job.leaves());
+                end = node.end();
+            }
+            for (node, record) in &job.nodes {
+                assert!(
+                    !record.verified || record.digest == honest(job.id(), *node),
+                    "{node} of {}",
+                    job.id()
+                );
+                assert!(record.live == job.is_live(*node) && job.covering(*node).is_some());
+            }
+            assert!(
+                job.leases.keys().all(|token| tokens.insert(*token)),
+                "a token is held twice"
+            );
+            assert_eq!(as_record(job), sorted(self.rows.jobs[&job.id()].clone()));
+        }
+        let kept = self.rows.snapshot();
+        assert_eq!(kept.jobs.len(), self.farm.jobs.len());
+        assert_eq!(kept.counters, self.farm.counters);
+        assert!(
+            kept.workers
+                .iter()
+                .eq(self.farm.workers.values().map(|worker| &worker.record))
+        );
+    }
+
+    pub(super) fn check_refusal(&self, refusal: &Refusal) {
+        match refusal {
+            Refusal::StaleLease(_) | Refusal::UnknownJob(_) | Refusal::JobEnded(_) => {}
+            Refusal::Conflict { .. } if self.mode != Mode::Honest => {}
+            // Beyond where the job stopped.
+            Refusal::Invalid(reason) if reason.contains("lies beyond") => {}
+            other => panic!("{other}"),
+        }
+    }
+
+    pub(in crate::scheduler::tests) fn check_end(&mut self) {
+        for record in self.rows.jobs.values() {
+            let job = Job::from_record(record.clone());
+            assert!(job.leases.is_empty());
+            let status = job.status(&self.config);
+            if status.state == JobState::Cancelled {
+                continue;
+            }
+            let poisoned: BTreeSet<u64> = status.poisoned.iter().map(|p| u64::from(p.iteration) - 1).collect();
+            self.seen.poisoned += poisoned.len() as u64;
+            let mut counted = vec![0; job.leaves() as usize];
+            for (node, _) in job.live_nodes() {
+                (node.first()..node.end()).for_each(|leaf| counted[leaf as usize] += 1);
+            }
+            let late = status
+                .failure
+                .as_ref()
+                .is_some_and(|failure| failure.contains("deadline"));
+            for (leaf, count) in counted.iter().enumerate().filter(|_| !late) {
+                let expected = u32::from(!poisoned.contains(&(leaf as u64)));
+                assert_eq!(*count, expected, "leaf {leaf} of {}", job.id());
+            }
+            match status.state {
+                JobState::Done => assert!(poisoned.is_empty() && status.failure.is_none()),
+                JobState::Failed => assert!((late || !poisoned.is_empty()) && status.failure.is_some()),
+                other => panic!("{other:?}"),
+            }
+            assert!(late || job.next_merge().is_none());
+            if self.mode != Mode::Free {
+                assert!(job.live_nodes().all(|(node, digest)| digest == honest(job.id(), node)));
+            }
+            self.check_stop(&job);
+        }
+    }
+
+    /// A job with a noise target stops at the first checkpoint that meets it, whoever did the work.
+    fn check_stop(&self, job: &Job) {
+        let Some(target) = job
+            .control
+            .schedule
+            .noise_target
+            .filter(|_| job.state == JobState::Done)
+        else {
+            return;
+        };
+        if job.control.schedule.deadline_ms.is_some() {
+            return;
+        }
+        let asked = job.control.stop.map_or(job.control.iterations, |stop| stop.asked);
+        let mut checkpoints = (2..6).filter(|level| 1 << level < asked);
+        let expected = checkpoints
+            .find(|level| noise(*level) <= target)
+            .map_or(asked, |level| 1 << level);
+        assert_eq!(job.control.iterations, expected, "target {target}, {asked} asked for");
+    }
+}
+
+/// A job as it should be kept.
+fn as_record(job: &Job) -> JobRecord {
+    let nodes: Vec<(NodeKey, NodeRecord)> = job.nodes.iter().map(|(key, node)| (*key, node.clone())).collect();
+    let failures = job.failures.iter();
+    JobRecord {
+        head: job.head.clone(),
+        control: job.control.clone(),
+        share_ms: job.share_ms,
+        state: job.state,
+        failure: job.failure.clone(),
+        ended_ms: job.ended_ms,
+        resolution: job.resolution,
+        totals: Totals::default(),
+        nodes,
+        leases: job.leases.values().map(|lease| lease.record.clone()).collect(),
+        failures: failures
+            .flat_map(|(leaf, attempts)| attempts.iter().map(|attempt| (*leaf, attempt.clone())))
+            .collect(),
+    }
+}
+
+fn sorted(mut record: JobRecord) -> JobRecord {
+    record.failures.sort_by_key(|(leaf, _)| *leaf);
+    record.leases.sort_by_key(|lease| lease.token);
+    record
+}

@@ -1,0 +1,70 @@
+//! Random numbers, and what nodes are: a digest is a hash of what the node consists of.
+
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
+use photonfarm_proto::node::NodeKey;
+
+/// SplitMix64.
+pub(in crate::scheduler::tests) struct Random(pub(super) u64);
+
+impl Random {
+    pub(super) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        mix(self.0)
+    }
+
+    pub(in crate::scheduler::tests) fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+
+    pub(in crate::scheduler::tests) fn chance(&mut self, percent: u64) -> bool {
+        self.below(100) < percent
+    }
+
+    pub(super) fn pick<'a, T>(&mut self, items: &'a [T]) -> Option<&'a T> {
+        let n = items.len() as u64;
+        (n > 0).then(|| &items[self.below(n) as usize])
+    }
+}
+
+pub(super) fn mix(state: u64) -> u64 {
+    let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+pub(super) fn hash(a: u64, b: u64, c: u64) -> BlobHash {
+    let number = mix(mix(mix(a ^ 0x5851_f42d).wrapping_add(b)).wrapping_add(c)) | 1;
+    let mut bytes = [0; 32];
+    bytes[..8].copy_from_slice(&number.to_le_bytes());
+    BlobHash(bytes)
+}
+
+pub(super) fn word(hash: BlobHash) -> u64 {
+    u64::from_le_bytes(hash.0[..8].try_into().unwrap())
+}
+
+pub(super) fn sum(left: BlobHash, right: BlobHash) -> BlobHash {
+    hash(word(left), word(right), 3)
+}
+
+/// The digest of a node that was rendered as it should be.
+pub(super) fn honest(job: JobId, node: NodeKey) -> BlobHash {
+    match node.children() {
+        None => hash(job.0, node.index.into(), 1),
+        Some([left, right]) => sum(honest(job, left), honest(job, right)),
+    }
+}
+
+/// No two lies are the same.
+pub(super) fn lie(worker: WorkerId, job: JobId, node: NodeKey) -> BlobHash {
+    hash(
+        worker.0,
+        job.0 << 40 | u64::from(node.level) << 32 | u64::from(node.index),
+        2,
+    )
+}
+
+/// The noise of a job's prefix at a level: falls with the root of the iterations.
+pub(super) fn noise(level: u32) -> f64 {
+    (1.0 / f64::from(1 << level)).sqrt()
+}

@@ -1,0 +1,85 @@
+//! What clients ask of jobs and workers while they are at work.
+
+use crate::support::{Farm, expect_problem};
+use photonfarm_proto::api::WorkerStatus;
+use photonfarm_proto::job::{JobState, JobStatus};
+use photonfarm_proto::problem::ErrorCode;
+use reqwest::{Method, Response, StatusCode};
+use serde_json::{Value, json};
+
+async fn status(reply: Response) -> JobStatus {
+    assert_eq!(reply.status(), StatusCode::OK);
+    reply.json().await.unwrap()
+}
+
+async fn put_priority(farm: &Farm, priority: u32) -> Response {
+    let request = farm.request(Method::PUT, "jobs/1/priority");
+    request.json(&json!({"priority": priority})).send().await.unwrap()
+}
+
+#[tokio::test]
+async fn jobs_are_paused_extended_and_put_in_order_as_often_as_asked() {
+    let farm = Farm::start().await;
+    farm.submit(4).await;
+    let post = async |path: &str, body: Value| farm.post_json(path, &body).await;
+    for _ in 0..2 {
+        let paused = status(post("jobs/1/pause", json!({})).await).await;
+        assert!(paused.spec.schedule.paused && paused.waiting.as_deref() == Some("it is paused"));
+    }
+    for _ in 0..2 {
+        assert!(!status(post("jobs/1/resume", json!({})).await).await.spec.schedule.paused);
+        let extended = status(post("jobs/1/extend", json!({"iterations": 9})).await).await;
+        assert_eq!(extended.spec.iterations, 9);
+        assert_eq!(status(put_priority(&farm, 70).await).await.spec.schedule.priority, 70);
+    }
+    let fewer = expect_problem(post("jobs/1/extend", json!({"iterations": 8})).await, ErrorCode::Invalid).await;
+    assert!(fewer.detail.contains("has 9 iterations"), "{fewer}");
+    expect_problem(post("jobs/1/extend", json!({"iterations": 101})).await, ErrorCode::Limit).await;
+    expect_problem(post("jobs/1/extend", json!({"iterations": 0})).await, ErrorCode::Invalid).await;
+    expect_problem(put_priority(&farm, 101).await, ErrorCode::Invalid).await;
+    for path in ["jobs/7/pause", "jobs/7/resume"] {
+        expect_problem(post(path, json!({})).await, ErrorCode::NotFound).await;
+    }
+    expect_problem(post("jobs/7/extend", json!({"iterations": 3})).await, ErrorCode::NotFound).await;
+    assert_eq!(status(post("jobs/1/cancel", json!({})).await).await.state, JobState::Cancelled);
+    expect_problem(post("jobs/1/pause", json!({})).await, ErrorCode::JobEnded).await;
+    expect_problem(post("jobs/1/extend", json!({"iterations": 20})).await, ErrorCode::JobEnded).await;
+    expect_problem(put_priority(&farm, 5).await, ErrorCode::JobEnded).await;
+}
+
+#[tokio::test]
+async fn schedules_that_cannot_be_are_refused_by_their_field() {
+    let farm = Farm::start().await;
+    for (field, value) in [
+        ("priority", json!(0)),
+        ("noise_target", json!(-1.0)),
+        ("tags", json!(["a b"])),
+    ] {
+        let mut spec = farm.spec(4).await;
+        spec["schedule"] = json!({field: value});
+        let problem = expect_problem(farm.post_json("jobs", &spec).await, ErrorCode::Invalid).await;
+        assert_eq!(problem.field, Some(format!("schedule.{field}")));
+    }
+    let mut spec = farm.spec(4).await;
+    spec["schedule"] = json!({"colour": "red"});
+    expect_problem(farm.post_json("jobs", &spec).await, ErrorCode::Invalid).await;
+}
+
+#[tokio::test]
+async fn workers_go_into_quarantine_and_out_of_it() {
+    let farm = Farm::start().await;
+    let worker = farm.register().await;
+    let path = |action: &str| format!("workers/{worker}/{action}");
+    for _ in 0..2 {
+        let reply = farm.post_json(&path("quarantine"), &json!({"reason": "smoke"})).await;
+        let status: WorkerStatus = reply.json().await.unwrap();
+        assert_eq!(status.quarantine.as_deref(), Some("smoke"));
+    }
+    for _ in 0..2 {
+        let reply = farm.post_json(&path("release"), &json!({})).await;
+        let status: WorkerStatus = reply.json().await.unwrap();
+        assert_eq!(status.quarantine, None);
+    }
+    let unknown = farm.post_json("workers/99/release", &json!({})).await;
+    expect_problem(unknown, ErrorCode::UnknownWorker).await;
+}
