@@ -13,6 +13,7 @@ macro_rules! number_id {
             Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
         )]
         #[serde(transparent)]
+        #[schema(example = 1)]
         pub struct $name(pub u64);
 
         impl fmt::Display for $name {

@@ -71,6 +71,7 @@ pub struct Usage {
 #[serde(deny_unknown_fields)]
 pub struct TokenRequest {
     /// Its name: 1 to 64 letters, digits, `-`, `_` and `.`. Jobs show it as their owner.
+    #[schema(pattern = "^[A-Za-z0-9._-]{1,64}$")]
     pub name: String,
     /// What it allows.
     pub role: Role,
@@ -83,18 +84,32 @@ pub struct TokenRequest {
 }
 
 impl TokenRequest {
-    /// Checks the name.
+    /// Checks name and numbers.
     ///
     /// # Errors
-    /// A sentence about the name.
-    pub fn check(&self) -> Result<(), String> {
+    /// The field, and a sentence about it.
+    pub fn check(&self) -> Result<(), (&'static str, String)> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
         if self.name.is_empty() || self.name.len() > TOKEN_NAME_BYTES || !self.name.chars().all(allowed) {
-            return Err(format!(
-                "a token's name has 1 to {TOKEN_NAME_BYTES} letters, digits, `-`, `_` and `.`"
-            ));
+            let reason = format!("a token's name has 1 to {TOKEN_NAME_BYTES} letters, digits, `-`, `_` and `.`");
+            return Err(("name", reason));
         }
-        Ok(())
+        let Quota {
+            jobs,
+            bundle_bytes,
+            iterations,
+        } = self.quota;
+        let numbers = [
+            ("expires_in_s", self.expires_in_s),
+            ("quota.jobs", jobs),
+            ("quota.bundle_bytes", bundle_bytes),
+            ("quota.iterations", iterations),
+        ];
+        let most = i64::MAX as u64;
+        let large = numbers
+            .iter()
+            .find(|(_, number)| number.is_some_and(|number| number > most));
+        large.map_or(Ok(()), |(field, _)| Err((*field, format!("{field} is at most {most}"))))
     }
 }
 
@@ -161,5 +176,18 @@ mod tests {
         for bad in ["", "a b", "a/b", "ü", "a\n", &"x".repeat(65)] {
             assert!(check(bad).is_err(), "{bad:?}");
         }
+    }
+
+    #[test]
+    fn numbers_that_no_database_takes_are_refused() {
+        let mut request = TokenRequest {
+            name: "a".into(),
+            role: Role::Read,
+            expires_in_s: Some(i64::MAX as u64),
+            quota: Quota::default(),
+        };
+        assert_eq!(request.check(), Ok(()));
+        request.quota.iterations = Some(u64::MAX);
+        assert_eq!(request.check().unwrap_err().0, "quota.iterations");
     }
 }

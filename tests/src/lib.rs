@@ -1,4 +1,5 @@
 //! What the tests that cross crates share.
 
+pub mod fuzz;
 pub mod processes;
 pub mod statistics;

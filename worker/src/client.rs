@@ -15,6 +15,8 @@ use tokio_util::sync::CancellationToken;
 
 /// Time for a short message, and what any message may take beyond its own time.
 const SHORT: Duration = Duration::from_secs(15);
+/// How long a connection is kept for the next request: less than a coordinator keeps it.
+const IDLE: Duration = Duration::from_secs(30);
 /// Slowest transfer that is waited for [bytes per second].
 const SLOWEST: u64 = 50_000;
 /// Most bytes of a manifest.
@@ -80,6 +82,7 @@ impl Client {
         let http = credentials
             .trust(reqwest::Client::builder())
             .connect_timeout(SHORT)
+            .pool_idle_timeout(IDLE)
             .no_proxy()
             .build()
             .map_err(|error| error.to_string())?;

@@ -20,6 +20,8 @@ use tokio::time::sleep;
 const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 /// How long a coordinator that has answered before may stay away.
 const PATIENCE: Duration = Duration::from_secs(15 * 60);
+/// How long a connection is kept for the next request: less than a coordinator keeps it.
+const IDLE: Duration = Duration::from_secs(30);
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest silence within an answer; event streams send comments more often than this.
 const READ_TIMEOUT: Duration = Duration::from_secs(60);
@@ -57,6 +59,7 @@ impl Client {
             .trust(reqwest::Client::builder())
             .no_proxy()
             .connect_timeout(CONNECT_TIMEOUT)
+            .pool_idle_timeout(IDLE)
             .read_timeout(READ_TIMEOUT)
             .build()?;
         Ok(Self {
@@ -66,10 +69,12 @@ impl Client {
         })
     }
 
-    /// Waits until the coordinator answers.
+    /// Waits until the coordinator answers. Whether it takes the token shows at the first request that needs one.
     pub(crate) async fn connect(&self) -> Result<Health> {
         let health = self
-            .retry(FIRST_PATIENCE, || self.request(Method::GET, "healthz"))
+            .retry(FIRST_PATIENCE, || {
+                self.http.request(Method::GET, self.address("healthz"))
+            })
             .await;
         let response = health.with_context(|| {
             format!(
@@ -206,9 +211,12 @@ impl Client {
     }
 
     fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        self.credentials.sign(self.http.request(method, self.address(path)))
+    }
+
+    fn address(&self, path: &str) -> String {
         let base = self.base.as_str().trim_end_matches('/');
-        let request = self.http.request(method, format!("{base}/v1/{path}"));
-        self.credentials.sign(request)
+        format!("{base}/v1/{path}")
     }
 
     /// Sends a request again and again, with growing pauses, until it is answered or refused.

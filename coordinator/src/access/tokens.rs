@@ -39,7 +39,7 @@ impl Tokens {
     /// A name that is taken or not allowed; a failing store.
     pub async fn create(&self, request: TokenRequest) -> Result<NewToken, ServiceError> {
         let at = |field: &str, detail: String| Problem::new(ErrorCode::Invalid, detail).at(field, None);
-        request.check().map_err(|reason| at("name", reason))?;
+        request.check().map_err(|(field, reason)| at(field, reason))?;
         let secret = Secret::random().map_err(|error| {
             tracing::error!(%error, "the system gives no random numbers");
             Problem::new(ErrorCode::Internal, "the system gives no random numbers")

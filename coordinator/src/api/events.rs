@@ -21,7 +21,10 @@ const STEP: Duration = Duration::from_millis(200);
 /// The job's status whenever it changes: events `status`, and at last one `end`. The data is a `JobStatus`.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", params(("id" = JobId, Path)),
-    responses((status = 200, content_type = "text/event-stream", body = JobStatus), (status = "4XX", body = Problem))
+    responses(
+        (status = 200, content_type = "text/event-stream", description = "the data of each event is a `JobStatus` as JSON"),
+        (status = "4XX", body = Problem)
+    )
 )]
 pub(super) async fn events(
     State(service): State<App>,

@@ -14,6 +14,8 @@ use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use serde::Deserialize;
 
+/// Most jobs on a page.
+const PAGE: u32 = 100;
 /// Longest idempotency key.
 const KEY_BYTES: usize = 255;
 
@@ -55,10 +57,12 @@ pub(super) async fn submit(
 /// Which page of jobs.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct PageParams {
     /// The `next` of the page before.
     cursor: Option<String>,
-    /// Jobs on the page, at most 100.
+    /// Jobs on the page.
+    #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
@@ -71,6 +75,10 @@ pub(super) async fn list(
     State(service): State<App>,
     Params(page): Params<PageParams>,
 ) -> Result<Json<JobPage>, ApiError> {
+    if page.limit.is_some_and(|limit| !(1..=PAGE).contains(&limit)) {
+        let detail = format!("limit: a page has 1 to {PAGE} jobs");
+        return Err(Problem::new(ErrorCode::Invalid, detail).at("limit", None).into());
+    }
     Ok(Json(service.list_jobs(page.cursor.as_deref(), page.limit).await?))
 }
 
@@ -90,6 +98,15 @@ pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Res
 )]
 pub(super) async fn cancel(State(service): State<App>, Steered(id): Steered) -> Result<Json<JobStatus>, ApiError> {
     Ok(Json(service.cancel_job(id).await?))
+}
+
+/// Cancels a job, as `cancel` does.
+#[utoipa::path(
+    delete, path = "/v1/jobs/{id}", params(("id" = JobId, Path)),
+    responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
+)]
+pub(super) async fn remove(state: State<App>, id: Steered) -> Result<Json<JobStatus>, ApiError> {
+    cancel(state, id).await
 }
 
 /// The image as it stands, as OpenEXR with metadata.

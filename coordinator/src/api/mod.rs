@@ -5,6 +5,7 @@ mod events;
 mod extract;
 mod guard;
 mod jobs;
+mod metrics;
 mod steer;
 mod system;
 mod tokens;
@@ -38,6 +39,10 @@ pub(crate) fn router(service: App, gate: Arc<Gate>) -> Router {
         .route("/healthz", get(system::health));
     Router::new()
         .nest("/v1", v1)
+        .merge(for_role(
+            &[Role::Read],
+            Router::new().route("/metrics", get(metrics::metrics)),
+        ))
         .fallback(async || ApiError::from(Problem::new(ErrorCode::NotFound, "there is no such route")))
         .method_not_allowed_fallback(async || {
             ApiError::from(Problem::new(
@@ -74,7 +79,7 @@ fn submit_routes() -> Router<App> {
         .route("/bundles", post(bundles::submit))
         .route("/blobs/{hash}", put(bundles::upload))
         .route("/jobs", post(jobs::submit))
-        .route("/jobs/{id}", delete(jobs::cancel))
+        .route("/jobs/{id}", delete(jobs::remove))
         .route("/jobs/{id}/cancel", post(jobs::cancel))
         .route("/jobs/{id}/pause", post(steer::pause))
         .route("/jobs/{id}/resume", post(steer::resume))

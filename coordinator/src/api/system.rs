@@ -5,8 +5,12 @@ use crate::service::VERSION;
 use axum::Json;
 use axum::extract::State;
 use photonfarm_proto::api::{Health, WorkerList};
+use photonfarm_proto::problem::PROBLEM_MEDIA_TYPE;
 use photonfarm_proto::problem::Problem;
-use utoipa::OpenApi;
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{ContentBuilder, Ref, Response, ResponseBuilder};
+use utoipa::{Modify, OpenApi};
 
 /// The workers heard of lately.
 #[utoipa::path(get, path = "/v1/workers", responses((status = 200, body = WorkerList)))]
@@ -45,6 +49,7 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         super::jobs::list,
         super::jobs::status,
         super::jobs::cancel,
+        super::jobs::remove,
         super::jobs::image_exr,
         super::jobs::image_png,
         super::events::events,
@@ -61,6 +66,48 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         health,
         openapi,
     ),
-    components(schemas(Problem))
+    components(schemas(Problem)),
+    modifiers(&EveryOperation)
 )]
 pub(super) struct ApiDoc;
+
+/// What holds for every operation: problems as answers, and a token.
+struct EveryOperation;
+
+/// Name of the security scheme.
+const TOKEN: &str = "token";
+
+fn problem(description: &str) -> Response {
+    let content = ContentBuilder::new()
+        .schema(Some(Ref::from_schema_name("Problem")))
+        .build();
+    let response = ResponseBuilder::new().description(description);
+    response.content(PROBLEM_MEDIA_TYPE, content).build()
+}
+
+impl Modify for EveryOperation {
+    fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
+        let scheme = SecurityScheme::Http(Http::new(HttpAuthScheme::Bearer));
+        if let Some(components) = &mut document.components {
+            components.add_security_scheme(TOKEN, scheme);
+        }
+        for (path, item) in &mut document.paths.paths {
+            let operations = [&mut item.get, &mut item.put, &mut item.post, &mut item.delete];
+            let open = path.ends_with("/healthz");
+            operations
+                .into_iter()
+                .flatten()
+                .for_each(|operation| complete(operation, open));
+        }
+    }
+}
+
+fn complete(operation: &mut Operation, open: bool) {
+    let responses = &mut operation.responses.responses;
+    let refused = problem("the request was refused; the problem says why").into();
+    responses.insert("4XX".into(), refused);
+    responses.insert("5XX".into(), problem("the coordinator failed, or is stopping").into());
+    if !open {
+        operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(TOKEN, [])]);
+    }
+}

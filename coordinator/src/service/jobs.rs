@@ -166,6 +166,18 @@ impl Service {
         Ok(self.find_job(id).await?.head().owner.clone())
     }
 
+    /// Every job that has not ended.
+    pub(crate) async fn live_statuses(&self) -> Result<Vec<JobStatus>, ServiceError> {
+        let cell = self.fresh_farm().await?;
+        let now = self.clock.now();
+        Ok(cell.farm.jobs().map(|job| cell.farm.status(job, now)).collect())
+    }
+
+    /// How long a lease should take [s].
+    pub(crate) async fn lease_target_s(&self) -> Result<f64, ServiceError> {
+        Ok(self.fresh_farm().await?.farm.config().lease_target_ms as f64 / 1e3)
+    }
+
     /// Hands out no new work of a job, or goes on with it.
     pub async fn pause_job(self: &Arc<Self>, id: JobId, paused: bool) -> Result<JobStatus, ServiceError> {
         self.steer(id, move |farm, _| farm.pause(id, paused)).await

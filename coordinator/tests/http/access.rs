@@ -120,6 +120,53 @@ async fn every_route_asks_for_its_role() {
 }
 
 #[tokio::test]
+async fn metrics_tell_the_work_that_is_left() {
+    let closed = Closed::start().await;
+    let read = closed.token(&request("reader", Role::Read)).await;
+    let url = format!("{}/metrics", closed.farm.coordinator.url());
+    expect_problem(
+        closed.farm.http.get(&url).send().await.unwrap(),
+        ErrorCode::Unauthorized,
+    )
+    .await;
+    let figure = async |name: &str| {
+        let reply = closed.farm.http.get(&url).bearer_auth(&read).send().await.unwrap();
+        assert_eq!(
+            reply.headers()["content-type"],
+            "text/plain; version=0.0.4; charset=utf-8"
+        );
+        let text = reply.text().await.unwrap();
+        let line = text
+            .lines()
+            .find_map(|line| line.strip_prefix(&format!("photonfarm_{name} ")));
+        line.unwrap_or_else(|| panic!("{name} is not in {text}"))
+            .parse::<u64>()
+            .unwrap()
+    };
+    assert_eq!(figure("pending_leases").await, 0);
+    assert_eq!(closed.submit(&closed.admin, 9).await.status(), StatusCode::CREATED);
+    assert_eq!(
+        (figure("pending_iterations").await, figure("pending_leases").await),
+        (9, 9)
+    );
+    assert_eq!((figure("jobs_queued").await, figure("jobs_running").await), (1, 0));
+    let worker = closed.token(&request("rack", Role::Worker)).await;
+    assert_eq!(figure("workers").await, 0);
+    let cancel = closed
+        .by(&closed.admin, Method::POST, "jobs/1/cancel")
+        .send()
+        .await
+        .unwrap();
+    assert_eq!(cancel.status(), StatusCode::OK);
+    assert_eq!(
+        (figure("pending_iterations").await, figure("jobs_queued").await),
+        (0, 0)
+    );
+    let reply = closed.farm.http.get(&url).bearer_auth(&worker).send().await.unwrap();
+    expect_problem(reply, ErrorCode::Forbidden).await;
+}
+
+#[tokio::test]
 async fn tokens_that_are_not_valid_are_refused() {
     let closed = Closed::start().await;
     let read = closed.token(&request("reader", Role::Read)).await;

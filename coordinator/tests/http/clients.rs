@@ -76,6 +76,10 @@ async fn routes_methods_types_and_sizes_are_checked() {
         .request(Method::POST, "jobs")
         .header("content-type", "application/json");
     expect_problem(request.body(stream).send().await.unwrap(), ErrorCode::Limit).await;
+    for query in ["jobs?limit=0", "jobs?limit=101"] {
+        let problem = expect_problem(farm.get(query).await, ErrorCode::Invalid).await;
+        assert_eq!(problem.field.as_deref(), Some("limit"));
+    }
     for query in ["jobs?cursor=x", "jobs?limit=x", "jobs?colour=red"] {
         expect_problem(farm.get(query).await, ErrorCode::Malformed).await;
     }

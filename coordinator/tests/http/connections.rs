@@ -170,6 +170,7 @@ async fn peers_that_dawdle_are_cut_off() {
     hang(&farm, b"").await;
     hang(&farm, b"GET /v1/healthz HT").await;
     hang(&farm, b"GET /v1/healthz HTTP/1.1\r\nhost: x\r\nx: ").await;
+    hang(&farm, b"GET /v1/healthz HTTP/1.1\r\nhost: x\r\n\r\n").await;
     let post = "POST /v1/jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\n";
     let said = hang(&farm, format!("{post}content-length: 100\r\n\r\n{{").as_bytes()).await;
     assert!(said.starts_with("HTTP/1.1 400") && said.contains("malformed"), "{said}");

@@ -27,23 +27,52 @@ async fn jobs_are_paused_extended_and_put_in_order_as_often_as_asked() {
         assert!(paused.spec.schedule.paused && paused.waiting.as_deref() == Some("it is paused"));
     }
     for _ in 0..2 {
-        assert!(!status(post("jobs/1/resume", json!({})).await).await.spec.schedule.paused);
+        assert!(
+            !status(post("jobs/1/resume", json!({})).await)
+                .await
+                .spec
+                .schedule
+                .paused
+        );
         let extended = status(post("jobs/1/extend", json!({"iterations": 9})).await).await;
         assert_eq!(extended.spec.iterations, 9);
         assert_eq!(status(put_priority(&farm, 70).await).await.spec.schedule.priority, 70);
     }
-    let fewer = expect_problem(post("jobs/1/extend", json!({"iterations": 8})).await, ErrorCode::Invalid).await;
+    let fewer = expect_problem(
+        post("jobs/1/extend", json!({"iterations": 8})).await,
+        ErrorCode::Invalid,
+    )
+    .await;
     assert!(fewer.detail.contains("has 9 iterations"), "{fewer}");
-    expect_problem(post("jobs/1/extend", json!({"iterations": 101})).await, ErrorCode::Limit).await;
-    expect_problem(post("jobs/1/extend", json!({"iterations": 0})).await, ErrorCode::Invalid).await;
+    expect_problem(
+        post("jobs/1/extend", json!({"iterations": 101})).await,
+        ErrorCode::Limit,
+    )
+    .await;
+    expect_problem(
+        post("jobs/1/extend", json!({"iterations": 0})).await,
+        ErrorCode::Invalid,
+    )
+    .await;
     expect_problem(put_priority(&farm, 101).await, ErrorCode::Invalid).await;
     for path in ["jobs/7/pause", "jobs/7/resume"] {
         expect_problem(post(path, json!({})).await, ErrorCode::NotFound).await;
     }
-    expect_problem(post("jobs/7/extend", json!({"iterations": 3})).await, ErrorCode::NotFound).await;
-    assert_eq!(status(post("jobs/1/cancel", json!({})).await).await.state, JobState::Cancelled);
+    expect_problem(
+        post("jobs/7/extend", json!({"iterations": 3})).await,
+        ErrorCode::NotFound,
+    )
+    .await;
+    assert_eq!(
+        status(post("jobs/1/cancel", json!({})).await).await.state,
+        JobState::Cancelled
+    );
     expect_problem(post("jobs/1/pause", json!({})).await, ErrorCode::JobEnded).await;
-    expect_problem(post("jobs/1/extend", json!({"iterations": 20})).await, ErrorCode::JobEnded).await;
+    expect_problem(
+        post("jobs/1/extend", json!({"iterations": 20})).await,
+        ErrorCode::JobEnded,
+    )
+    .await;
     expect_problem(put_priority(&farm, 5).await, ErrorCode::JobEnded).await;
 }
 

@@ -1,0 +1,219 @@
+//! Valid inputs, made by code.
+
+use flate2::{Compression, write::ZlibEncoder};
+use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage};
+use photonfarm_core::film::Node;
+use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::codec::{Message, encode};
+use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::job::{BandwidthRange, FailureKind, JobSpec, Totals};
+use photonfarm_proto::node::{NodeKey, encode_node};
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::worker::{
+    Assignment, FailureReport, Heartbeat, Lease, LeaseProgress, LeaseReply, LeaseRequest, NodeUpload, Register,
+};
+use serde_json::json;
+use std::io::{Cursor, Write};
+
+fn job_json() -> serde_json::Value {
+    json!({
+        "scene": BlobHash::of(b"scene"), "main": "scene.xml", "defines": {"depth": "8"}, "iterations": 64, "seed": 7,
+        "integrator": {"type": "pcf", "photons": 1000, "samplers": ["bsdf", "camera", "importon"], "theta1": 10.5,
+            "lookup_vertex": "auto", "sigma_by_length": [0.5, 1.0], "kernel": "epanechnikov"},
+    })
+}
+
+fn message<M: Message>(message: &M) -> Vec<u8> {
+    encode(message).expect("a message can be written")
+}
+
+pub(super) fn messages() -> Vec<Vec<u8>> {
+    let (token, worker, job) = (LeaseToken(9), WorkerId(4), JobId(3));
+    let node = NodeKey { level: 2, index: 1 };
+    let spec: JobSpec = serde_json::from_value(job_json()).expect("a valid job");
+    let lease = Lease {
+        token,
+        job,
+        node,
+        worker,
+        attempt: 1,
+        expires_in_ms: 30_000,
+    };
+    vec![
+        message(&Register {
+            name: "host".into(),
+            threads: 8,
+            renderer: "1".into(),
+            tags: ["gpu".to_owned()].into(),
+        }),
+        message(&LeaseRequest {
+            worker,
+            held: vec![token, LeaseToken(10)],
+            wait_ms: 20_000,
+        }),
+        message(&LeaseReply {
+            assignment: Some(Assignment { lease, spec }),
+        }),
+        message(&Heartbeat {
+            worker,
+            leases: vec![LeaseProgress { token, leaves_done: 3 }; 2],
+        }),
+        message(&NodeUpload {
+            token,
+            worker,
+            job,
+            node,
+            width: 3,
+            height: 2,
+            digest: BlobHash::of(b""),
+            totals: Totals {
+                bandwidth: Some(BandwidthRange::one(0.5, Some(0.1))),
+                ..Totals::default()
+            },
+        }),
+        message(&FailureReport {
+            token,
+            worker,
+            job,
+            leaf: 5,
+            kind: FailureKind::Render,
+            message: "pixel (1, 2) is not finite".into(),
+        }),
+    ]
+}
+
+pub(super) fn nodes() -> Vec<Vec<u8>> {
+    let node = Node::leaf(5, 3, 2, &[Spectrum::splat(0.5); 6]).expect("a valid node");
+    vec![encode_node(JobId(3), &node)]
+}
+
+pub(super) fn requests() -> Vec<Vec<u8>> {
+    let manifest = BundleManifest {
+        files: [("a/b.obj".to_owned(), FileEntry::of(b"x"))].into(),
+    };
+    let other = json!({"scene": BlobHash::of(b""), "main": "m", "iterations": 1, "integrator": {"type": "path"}});
+    let token = json!({"name": "ann", "role": "submit", "expires_in_s": 60, "quota": {"jobs": 3}});
+    let manifest = serde_json::to_value(manifest).expect("a manifest can be written");
+    let bodies = [job_json(), other, manifest, token];
+    bodies.iter().map(|body| body.to_string().into_bytes()).collect()
+}
+
+pub(super) fn replies() -> Vec<Vec<u8>> {
+    let problem = Problem::new(ErrorCode::TooManyRequests, "wait")
+        .after(2)
+        .at("a.b", Some(3));
+    let bodies = [
+        json!(problem),
+        json!({"bundle": BlobHash::of(b"a"), "missing": [BlobHash::of(b"b")]}),
+        json!({"token": "phf_0", "status": {"name": "a", "role": "read", "created_ms": 1, "expires_ms": null,
+            "quota": {}, "usage": {"jobs": 0, "bundle_bytes": 0, "iterations": 0}}}),
+        json!({"jobs": [], "next": "7"}),
+        json!({"workers": []}),
+    ];
+    bodies.iter().map(|body| body.to_string().into_bytes()).collect()
+}
+
+pub(super) fn scenes() -> Vec<Vec<u8>> {
+    let sensor = "<sensor type='thinlens'><float name='aperture_radius' value='0.1'/><transform name='toWorld'>\
+        <lookat origin='0,0,5' target='0 0 0' up='0 1 0'/><rotate y='1' angle='10'/></transform>\
+        <film type='hdrfilm'><integer name='width' value='8'/><integer name='height' value='4'/>\
+        <rfilter type='tent'/></film></sensor>";
+    let glowing = "<default name='r' value='2'/><integrator type='pcf'><float name='theta1' value='9'/></integrator>\
+        <bsdf type='twosided' id='grey'><bsdf type='diffuse'><rgb name='reflectance' value='.5, .4, .3'/></bsdf>\
+        </bsdf><shape type='sphere'><float name='radius' value='$r'/><ref id='grey'/><emitter type='area'>\
+        <spectrum name='radiance' value='400:1, 700:2'/></emitter></shape>";
+    let glass = "<shape type='cube'><transform name='to_world'><scale value='0.5'/><translate x='1'/></transform>\
+        <bsdf type='roughdielectric'><float name='alpha' value='0.2'/></bsdf></shape><shape type='rectangle'>\
+        <bsdf type='roughconductor'><string name='material' value='Au'/></bsdf></shape><emitter type='point'>\
+        <point name='position' value='0 2 3'/><rgb name='intensity' value='5'/></emitter>\
+        <emitter type='constant'><rgb name='radiance' value='0.2'/></emitter>";
+    let scene = |content: &str| format!("<scene version='3.0.0'>{sensor}{content}</scene>").into_bytes();
+    vec![scene(glowing), scene(glass)]
+}
+
+pub(super) fn obj() -> Vec<Vec<u8>> {
+    let square = "# square\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\n\
+        g a\nf 1/1/1 2/2/1 3/1/1\nf 1//1 -2//1 4//1\nf 1 2 3 4\n";
+    vec![square.into()]
+}
+
+pub(super) fn ply() -> Vec<Vec<u8>> {
+    let header = "ply\nformat ascii 1.0\ncomment small\nelement vertex 4\nproperty float x\nproperty float y\n\
+        property float z\nelement face 2\nproperty list uchar int vertex_indices\nproperty uchar tag\nend_header\n";
+    let text = format!("{header}0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 9\n4 0 1 2 3 9\n");
+    let mut binary = header.replace("ascii", "binary_little_endian").into_bytes();
+    for [x, y] in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0_f32]] {
+        binary.extend([x, y, 0.0].iter().flat_map(|value| value.to_le_bytes()));
+    }
+    for face in [&[0, 1, 2][..], &[0, 1, 2, 3_i32]] {
+        binary.push(face.len() as u8);
+        binary.extend(face.iter().flat_map(|index| index.to_le_bytes()));
+        binary.push(9);
+    }
+    vec![text.into_bytes(), binary]
+}
+
+pub(super) fn serialized() -> Vec<Vec<u8>> {
+    let mut content = 0x1000_u32.to_le_bytes().to_vec();
+    content.extend(b"name\0");
+    content.extend([3_u64, 1].iter().flat_map(|count| count.to_le_bytes()));
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0_f32];
+    content.extend(corners.iter().flat_map(|value| value.to_le_bytes()));
+    content.extend([0, 1, 2_u32].iter().flat_map(|index| index.to_le_bytes()));
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::none());
+    let packed = encoder.write_all(&content).and_then(|()| encoder.finish());
+    let mut bytes = [0x041c_u16.to_le_bytes(), 4_u16.to_le_bytes()].concat();
+    bytes.extend(packed.expect("memory takes bytes"));
+    bytes.extend([0; 8]);
+    bytes.extend(1_u32.to_le_bytes());
+    vec![bytes]
+}
+
+pub(super) fn openexr() -> Vec<Vec<u8>> {
+    use exr::prelude::{Encoding, Image, SpecificChannels, WritableImage};
+    let pixels = |at: exr::math::Vec2<usize>| (at.x() as f32, at.y() as f32, 1.0_f32);
+    let image = |encoding| {
+        let mut bytes = Cursor::new(Vec::new());
+        let layer = exr::prelude::Layer::new(
+            (5, 4),
+            exr::prelude::LayerAttributes::default(),
+            encoding,
+            SpecificChannels::rgb(pixels),
+        );
+        let written = Image::from_layer(layer).write().to_buffered(&mut bytes);
+        written.expect("memory takes bytes");
+        bytes.into_inner()
+    };
+    vec![
+        image(Encoding::UNCOMPRESSED),
+        image(Encoding::FAST_LOSSLESS),
+        image(Encoding::SMALL_LOSSLESS),
+    ]
+}
+
+pub(super) fn images() -> Vec<Vec<u8>> {
+    let formats = [
+        ImageFormat::Png,
+        ImageFormat::Jpeg,
+        ImageFormat::Bmp,
+        ImageFormat::Tga,
+        ImageFormat::Hdr,
+    ];
+    let image = |format| {
+        let colour = |x, y| Rgb([x as u8 * 20, y as u8 * 40, 7]);
+        let light = |x, y| Rgb([x as f32, y as f32, 0.5]);
+        let image = match format {
+            ImageFormat::Hdr => DynamicImage::ImageRgb32F(Rgb32FImage::from_fn(9, 5, light)),
+            _ => DynamicImage::ImageRgb8(RgbImage::from_fn(9, 5, colour)),
+        };
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).expect("memory takes bytes");
+        bytes.into_inner()
+    };
+    formats.into_iter().map(image).collect()
+}
+
+pub(super) fn spectra() -> Vec<Vec<u8>> {
+    vec![b"# copper\n400 1.2\n500 1.1\n700 0.2\n".to_vec()]
+}
