@@ -167,14 +167,14 @@ impl Service {
     }
 
     /// Every job that has not ended.
-    pub(crate) async fn live_statuses(&self) -> Result<Vec<JobStatus>, ServiceError> {
+    pub(crate) async fn live_statuses(self: &Arc<Self>) -> Result<Vec<JobStatus>, ServiceError> {
         let cell = self.fresh_farm().await?;
         let now = self.clock.now();
         Ok(cell.farm.jobs().map(|job| cell.farm.status(job, now)).collect())
     }
 
     /// How long a lease should take [s].
-    pub(crate) async fn lease_target_s(&self) -> Result<f64, ServiceError> {
+    pub(crate) async fn lease_target_s(self: &Arc<Self>) -> Result<f64, ServiceError> {
         Ok(self.fresh_farm().await?.farm.config().lease_target_ms as f64 / 1e3)
     }
 
