@@ -19,10 +19,10 @@ use scheduler::SchedulerConfig;
 use server::Server;
 use service::{Service, ServiceError, Stores};
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use store::{FolderStore, SqliteStore, StoreError};
+use store::{BlobPlace, StatePlace, StoreError};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
@@ -33,8 +33,10 @@ const SHUTDOWN: Duration = Duration::from_secs(10);
 /// What a coordinator needs to know.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Folder of the state and the bytes; made if it is not there.
-    pub data: PathBuf,
+    /// Where the state is.
+    pub state: StatePlace,
+    /// Where the bytes are.
+    pub blobs: BlobPlace,
     /// What the farm accepts.
     pub limits: Limits,
     /// How leases are given.
@@ -50,11 +52,13 @@ pub struct Config {
 }
 
 impl Config {
-    /// A coordinator that keeps everything in `data`.
+    /// A coordinator that keeps everything in the folder `data`: state in `farm.sqlite`, bytes in `scenes` and `nodes`.
     #[must_use]
     pub fn new(data: impl Into<PathBuf>) -> Self {
+        let data = data.into();
         Self {
-            data: data.into(),
+            state: StatePlace::Sqlite(data.join("farm.sqlite")),
+            blobs: BlobPlace::Folder(data),
             limits: Limits::default(),
             scheduler: SchedulerConfig::default(),
             tls: None,
@@ -102,7 +106,7 @@ impl Coordinator {
     /// # Errors
     /// An address beyond this machine without any token; a certificate that cannot be used; a data folder in use, damaged, or made by a newer version.
     pub async fn start(config: Config, listener: TcpListener) -> Result<Self, StartError> {
-        let stores = open_stores(&config.data)?;
+        let stores = open_stores(&config).await?;
         Self::start_with(config, stores, listener).await
     }
 
@@ -173,18 +177,9 @@ impl Coordinator {
     }
 }
 
-/// The stores of a data folder: `farm.sqlite`, `scenes/`, `nodes/`. The database's lock keeps the whole folder.
-pub fn open_stores(data: &Path) -> Result<Stores, StoreError> {
-    std::fs::create_dir_all(data).map_err(|source| StoreError::Io {
-        path: data.to_owned(),
-        source,
-    })?;
-    let state = SqliteStore::open(&data.join("farm.sqlite"))?;
-    let scenes = FolderStore::open(&data.join("scenes"), false)?;
-    let nodes = FolderStore::open(&data.join("nodes"), false)?;
-    Ok(Stores {
-        state: Arc::new(state),
-        scenes: Arc::new(scenes),
-        nodes: Arc::new(nodes),
-    })
+/// Opens the stores. The lock of a database file keeps a folder of bytes beside it as well.
+pub async fn open_stores(config: &Config) -> Result<Stores, StoreError> {
+    let state = config.state.open().await?;
+    let [scenes, nodes] = config.blobs.open(state.is_shared()).await?;
+    Ok(Stores { state, scenes, nodes })
 }

@@ -6,11 +6,13 @@
 //! | `POST /v1/worker/lease` | [`LeaseRequest`] | [`LeaseReply`] |
 //! | `POST /v1/worker/heartbeat` | [`Heartbeat`] | [`HeartbeatReply`] |
 //! | `POST /v1/worker/nodes` | [`NodeUpload`] (see [`frame_upload`]), then the planes | [`NodeReply`] |
+//! | `POST /v1/worker/nodes/place` | [`NodeUpload`] | [`NodePlace`] |
+//! | `POST /v1/worker/nodes/stored` | [`NodeUpload`] | [`NodeReply`] |
 //! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
 //! | `POST /v1/worker/leave` | [`Leave`] | [`Acknowledged`] |
 //! | `GET /v1/bundles/{hash}` | | the manifest, JSON |
-//! | `GET /v1/blobs/{hash}` | | the bytes |
+//! | `GET /v1/blobs/{hash}` | | the bytes, or a redirection to them |
 //!
 //! Errors are problem documents, as everywhere.
 
@@ -44,6 +46,8 @@ pub struct Registered {
     pub worker: WorkerId,
     /// Time between heartbeats [ms].
     pub heartbeat_ms: u64,
+    /// Whether workers ask for a place in the object store and put nodes there themselves.
+    pub stores: bool,
 }
 
 /// Asks for work.
@@ -150,6 +154,17 @@ impl NodeUpload {
     }
 }
 
+/// Where to put the image of a node.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum NodePlace {
+    /// Nowhere: the node counts already.
+    Known,
+    /// Here: `POST /v1/worker/nodes`.
+    Here,
+    /// To the object store, by an HTTP PUT to this URL soon; then say so by `POST /v1/worker/nodes/stored`.
+    Url(String),
+}
+
 /// The node counts: it is safe to forget it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NodeReply {
@@ -217,6 +232,7 @@ kinds! {
     Release = 10,
     Acknowledged = 11,
     Leave = 12,
+    NodePlace = 13,
 }
 
 /// Most bytes of a framed [`NodeUpload`].

@@ -76,6 +76,16 @@ impl Process {
         Self::spawn(command)
     }
 
+    /// Starts a program of the workspace with further variables in its environment.
+    ///
+    /// # Panics
+    /// Where it cannot be started.
+    pub fn start_with<S: AsRef<OsStr>>(environment: &[(&str, String)], name: &str, arguments: &[S]) -> Self {
+        let mut command = command(name, arguments);
+        command.envs(environment.iter().map(|(name, value)| (name, value)));
+        Self::spawn(command)
+    }
+
     fn spawn(mut command: Command) -> Self {
         command
             .stdin(Stdio::null())
@@ -300,8 +310,16 @@ impl Coordinator {
 #[must_use]
 pub fn serve(data: &Path, address: &str, more: &[&str]) -> (Process, String) {
     let data = data.to_str().expect("a UTF-8 path");
-    let arguments = [&["serve", "--listen", address, "--data", data], more].concat();
-    let mut process = Process::start("photonfarm", &arguments);
+    serve_with(&[], &[&["serve", "--listen", address, "--data", data], more].concat())
+}
+
+/// Starts a coordinator, which is the last to know its address; returns its URL as well.
+///
+/// # Panics
+/// Where it does not say that it listens.
+#[must_use]
+pub fn serve_with(environment: &[(&str, String)], arguments: &[&str]) -> (Process, String) {
+    let mut process = Process::start_with(environment, "photonfarm", arguments);
     let mut lines = BufReader::new(process.child.stdout.take().expect("piped")).lines();
     let line = lines.next().and_then(Result::ok).unwrap_or_default();
     let Some(url) = line.strip_prefix("listening on ") else {

@@ -2,13 +2,15 @@
 
 use crate::backoff::Backoff;
 use crate::credentials::Credentials;
+use bytes::Bytes;
 use futures_util::StreamExt;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::codec::{self, CodecError, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::problem::{ErrorCode, Problem};
-use reqwest::header::CONTENT_TYPE;
-use reqwest::{Method, Request, RequestBuilder, Response, Url};
+use reqwest::header::{CONTENT_TYPE, LOCATION};
+use reqwest::redirect::Policy;
+use reqwest::{Method, Request, RequestBuilder, Response, StatusCode, Url};
 use std::time::Duration;
 use thiserror::Error;
 use tokio_util::sync::CancellationToken;
@@ -25,9 +27,12 @@ const MANIFEST_BYTES: usize = 64 << 20;
 /// Why a request failed.
 #[derive(Debug, Error)]
 pub enum ClientError {
-    /// No answer: the coordinator is away, or the network.
-    #[error("no answer from the coordinator: {0}")]
+    /// No answer: the coordinator is away, or the object store, or the network.
+    #[error("no answer: {0}")]
     Away(#[from] reqwest::Error),
+    /// The object store says no, perhaps because a signed URL is too old.
+    #[error("the object store answers {0}")]
+    Store(reqwest::StatusCode),
     /// The coordinator says no.
     #[error("{0}")]
     Problem(Box<Problem>),
@@ -47,7 +52,7 @@ impl ClientError {
     #[must_use]
     pub fn retryable(&self) -> bool {
         match self {
-            Self::Away(_) => true,
+            Self::Away(_) | Self::Store(_) => true,
             Self::Problem(problem) => problem.retryable,
             Self::Answer(_) | Self::Codec(_) | Self::Stopping => false,
         }
@@ -67,6 +72,8 @@ impl ClientError {
 #[derive(Clone, Debug)]
 pub(crate) struct Client {
     http: reqwest::Client,
+    /// For signed URLs of the object store, which are all the leave that it takes.
+    store: reqwest::Client,
     base: Url,
     credentials: Credentials,
 }
@@ -79,15 +86,15 @@ impl Client {
             return Err(format!("{url:?} is not an address such as http://127.0.0.1:7800"));
         }
         credentials.warn_if_exposed(&base);
-        let http = credentials
-            .trust(reqwest::Client::builder())
-            .connect_timeout(SHORT)
-            .pool_idle_timeout(IDLE)
-            .no_proxy()
-            .build()
-            .map_err(|error| error.to_string())?;
+        let builder = || {
+            let builder = reqwest::Client::builder().connect_timeout(SHORT);
+            builder.pool_idle_timeout(IDLE).no_proxy()
+        };
+        let http = credentials.trust(builder()).redirect(Policy::none()).build();
+        let store = credentials.trust_also(builder()).build();
         Ok(Self {
-            http,
+            http: http.map_err(|error| error.to_string())?,
+            store: store.map_err(|error| error.to_string())?,
             base,
             credentials,
         })
@@ -106,7 +113,7 @@ impl Client {
 
     /// A request with a body, ready to be sent any number of times.
     pub(crate) fn post(&self, path: &str, body: Vec<u8>, wait: Duration) -> Result<Request, ClientError> {
-        let transfer = Duration::from_secs(body.len() as u64 / SLOWEST);
+        let transfer = self.transfer_time(body.len() as u64);
         let request = self
             .request(Method::POST, path)
             .header(CONTENT_TYPE, MESSAGE_MEDIA_TYPE);
@@ -158,11 +165,30 @@ impl Client {
         Ok(manifest)
     }
 
-    /// The bytes of a file, piece by piece; the caller verifies them.
+    /// The bytes of a file, piece by piece; the caller verifies them. They may come from the object store.
     pub(crate) async fn blob(&self, hash: BlobHash, bytes: u64) -> Result<Response, ClientError> {
-        let timeout = SHORT + Duration::from_secs(bytes / SLOWEST);
+        let timeout = SHORT + self.transfer_time(bytes);
         let request = self.request(Method::GET, &format!("blobs/{hash}")).timeout(timeout);
-        succeed(request.send().await?).await
+        let response = request.send().await?;
+        if response.status() != StatusCode::TEMPORARY_REDIRECT {
+            return succeed(response).await;
+        }
+        let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok());
+        let url = place.ok_or_else(|| ClientError::Answer("a redirection to nowhere".into()))?;
+        let response = self.store.get(url).timeout(timeout).send().await;
+        from_store(response)
+    }
+
+    /// Puts bytes to a signed URL.
+    pub(crate) async fn put(&self, url: &str, bytes: Bytes) -> Result<(), ClientError> {
+        let timeout = SHORT + self.transfer_time(bytes.len() as u64);
+        let response = self.store.put(url).timeout(timeout).body(bytes).send().await;
+        from_store(response).map(drop)
+    }
+
+    /// The longest that a transfer may take.
+    pub(crate) fn transfer_time(&self, bytes: u64) -> Duration {
+        Duration::from_secs(bytes / SLOWEST)
     }
 }
 
@@ -188,6 +214,15 @@ pub(crate) async fn retry<T, F: Future<Output = Result<T, ClientError>>>(
             () = stop.cancelled() => return Err(ClientError::Stopping),
         }
     }
+}
+
+/// An answer of the object store; its errors do not show the URL, which is a key.
+fn from_store(response: Result<Response, reqwest::Error>) -> Result<Response, ClientError> {
+    let response = response.map_err(reqwest::Error::without_url)?;
+    if !response.status().is_success() {
+        return Err(ClientError::Store(response.status()));
+    }
+    Ok(response)
 }
 
 async fn succeed(response: Response) -> Result<Response, ClientError> {

@@ -4,11 +4,13 @@ use crate::backoff::Backoff;
 use crate::block::Sum;
 use crate::client::{Client, ClientError, retry};
 use crate::held::{Held, LeaseState};
+use bytes::Bytes;
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::node::{self, NodeKey};
 use photonfarm_proto::problem::ErrorCode;
-use photonfarm_proto::worker::{Acknowledged, FailureReport, Lease, NodeReply, NodeUpload, Release, frame_upload};
-use reqwest::Request;
+use photonfarm_proto::worker::{
+    Acknowledged, FailureReport, Lease, NodePlace, NodeReply, NodeUpload, Release, frame_upload,
+};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
@@ -20,8 +22,16 @@ const DAMAGED_ATTEMPTS: u32 = 4;
 pub(crate) struct Parcel {
     pub(crate) lease: Lease,
     pub(crate) state: Arc<LeaseState>,
-    pub(crate) uploads: Vec<Request>,
+    pub(crate) uploads: Vec<Upload>,
     pub(crate) farewell: Farewell,
+    /// Whether nodes go to the object store rather than through the coordinator.
+    pub(crate) stores: bool,
+}
+
+/// A node, encoded and hashed once.
+pub(crate) struct Upload {
+    announced: NodeUpload,
+    image: Bytes,
 }
 
 /// The last word on a lease.
@@ -34,16 +44,11 @@ pub(crate) enum Farewell {
     Failure(FailureReport),
 }
 
-/// Turns sums into requests: the images are encoded and hashed once.
-pub(crate) fn encode(
-    client: &Client,
-    worker: WorkerId,
-    lease: &Lease,
-    sums: Vec<Sum>,
-) -> Result<Vec<Request>, ClientError> {
-    let request = |Sum { node, totals }: Sum| {
+/// Encodes sums and hashes their images.
+pub(crate) fn encode(worker: WorkerId, lease: &Lease, sums: Vec<Sum>) -> Vec<Upload> {
+    let upload = |Sum { node, totals }: Sum| {
         let image = node::encode_node(lease.job, &node);
-        let upload = NodeUpload {
+        let announced = NodeUpload {
             token: lease.token,
             worker,
             job: lease.job,
@@ -56,11 +61,12 @@ pub(crate) fn encode(
             digest: BlobHash::of(&image),
             totals,
         };
-        let mut body = frame_upload(&upload)?;
-        body.extend_from_slice(&image[node::NodeHeader::BYTES..]);
-        client.post("worker/nodes", body, Duration::ZERO)
+        Upload {
+            announced,
+            image: image.into(),
+        }
     };
-    sums.into_iter().map(request).collect()
+    sums.into_iter().map(upload).collect()
 }
 
 /// Delivers a parcel, however long it takes. `stop` gives up what is not delivered.
@@ -70,10 +76,11 @@ pub(crate) async fn deliver(client: &Client, held: &Held, parcel: Parcel, stop: 
         state,
         uploads,
         farewell,
+        stores,
     } = parcel;
     let mut farewell = farewell;
     for upload in &uploads {
-        if let Err(error) = deliver_node(client, upload, &state, stop).await {
+        if let Err(error) = deliver_node(client, upload, &state, stores, stop).await {
             tracing::warn!(job = %lease.job, node = %lease.node, token = %lease.token, %error, "work is dropped");
             farewell = Farewell::Release;
             break;
@@ -100,8 +107,9 @@ pub(crate) async fn deliver(client: &Client, held: &Held, parcel: Parcel, stop: 
 
 async fn deliver_node(
     client: &Client,
-    upload: &Request,
+    upload: &Upload,
     state: &LeaseState,
+    stores: bool,
     stop: &CancellationToken,
 ) -> Result<(), ClientError> {
     let mut backoff = Backoff::default();
@@ -109,8 +117,13 @@ async fn deliver_node(
         if state.is_lost() {
             return Ok(());
         }
-        let error = match retry_while_held(client, upload, state, stop).await {
-            Ok(NodeReply { .. }) => return Ok(()),
+        let sent = if stores {
+            store(client, upload, state, stop).await
+        } else {
+            send(client, upload, state, stop).await
+        };
+        let error = match sent {
+            Ok(()) => return Ok(()),
             Err(error) => error,
         };
         let damaged = matches!(error.code(), Some(ErrorCode::ContentMismatch | ErrorCode::Malformed));
@@ -122,18 +135,50 @@ async fn deliver_node(
     Ok(())
 }
 
-/// Repeats an upload while the coordinator is away; an upload whose lease is lost meanwhile is refused at the latest.
-async fn retry_while_held(
+/// Sends a node to the coordinator, again and again while it is away; an upload whose lease is lost meanwhile is
+/// refused at the latest.
+async fn send(
     client: &Client,
-    upload: &Request,
+    upload: &Upload,
     state: &LeaseState,
     stop: &CancellationToken,
-) -> Result<NodeReply, ClientError> {
+) -> Result<(), ClientError> {
+    let mut body = frame_upload(&upload.announced)?;
+    body.extend_from_slice(&upload.image[node::NodeHeader::BYTES..]);
+    let request = client.post("worker/nodes", body, Duration::ZERO)?;
     retry(stop, || async {
         if state.is_lost() {
-            return Ok(NodeReply { duplicate: true });
+            return Ok(());
         }
-        client.send(upload).await
+        client.send::<NodeReply>(&request).await.map(drop)
+    })
+    .await
+}
+
+/// Puts a node into the object store, where the coordinator says, and says so: again and again while either is away,
+/// and to a new place each time.
+async fn store(
+    client: &Client,
+    upload: &Upload,
+    state: &LeaseState,
+    stop: &CancellationToken,
+) -> Result<(), ClientError> {
+    let announced = &upload.announced;
+    retry(stop, || async {
+        if state.is_lost() {
+            return Ok(());
+        }
+        match client.call("worker/nodes/place", announced, Duration::ZERO).await? {
+            NodePlace::Known => Ok(()),
+            NodePlace::Here => send(client, upload, state, stop).await,
+            NodePlace::Url(url) => {
+                client.put(&url, upload.image.clone()).await?;
+                // The coordinator may have to read the image first.
+                let reading = client.transfer_time(upload.image.len() as u64);
+                let _reply: NodeReply = client.call("worker/nodes/stored", announced, reading).await?;
+                Ok(())
+            }
+        }
     })
     .await
 }

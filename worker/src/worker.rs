@@ -6,7 +6,7 @@ use crate::cache::{Cache, CacheError};
 use crate::client::{Client, ClientError, retry};
 use crate::credentials::Credentials;
 use crate::held::{Abandon, Held, LeaseState};
-use crate::outbox::{self, Farewell, Parcel};
+use crate::outbox::{self, Farewell, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
@@ -113,6 +113,7 @@ type SceneKey = (BlobHash, String, BTreeMap<String, String>);
 struct Terms {
     worker: WorkerId,
     heartbeat: Duration,
+    stores: bool,
 }
 
 /// Why a scene is not ready.
@@ -177,7 +178,7 @@ impl Worker {
         while !drain.is_cancelled() {
             match self.next_assignment(terms.worker, &drain).await {
                 Ok(Some(assignment)) => {
-                    let (parcel, smooth) = self.work_on(assignment, &drain).await;
+                    let (parcel, smooth) = self.work_on(assignment, terms.stores, &drain).await;
                     if outbox.send(parcel).await.is_err() {
                         break;
                     }
@@ -230,11 +231,16 @@ impl Worker {
             .client
             .insist("worker/register", &register, Duration::ZERO, drain)
             .await;
-        let Registered { worker, heartbeat_ms } = reply.map_err(WorkerError::Refused)?;
+        let Registered {
+            worker,
+            heartbeat_ms,
+            stores,
+        } = reply.map_err(WorkerError::Refused)?;
         tracing::info!(%worker, coordinator = self.config.coordinator, "registered");
         Ok(Terms {
             worker,
             heartbeat: Duration::from_millis(heartbeat_ms.clamp(10, 60_000)),
+            stores,
         })
     }
 
@@ -257,7 +263,7 @@ impl Worker {
     }
 
     /// Renders a lease. The flag says whether the worker is fit for the next one at once.
-    async fn work_on(&mut self, assignment: Assignment, drain: &CancellationToken) -> (Parcel, bool) {
+    async fn work_on(&mut self, assignment: Assignment, stores: bool, drain: &CancellationToken) -> (Parcel, bool) {
         let Assignment { lease, spec } = assignment;
         let state = self.held.add(lease.token);
         tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, attempt = lease.attempt, "working");
@@ -278,6 +284,7 @@ impl Worker {
                 state,
                 uploads,
                 farewell,
+                stores,
             },
             smooth,
         )
@@ -290,18 +297,14 @@ impl Worker {
         lease: Lease,
         state: Arc<LeaseState>,
         drain: &CancellationToken,
-    ) -> (Vec<reqwest::Request>, Farewell, bool) {
-        let (pool, drain, client) = (self.pool.clone(), drain.clone(), self.client.clone());
+    ) -> (Vec<Upload>, Farewell, bool) {
+        let (pool, drain) = (self.pool.clone(), drain.clone());
         let work = move || {
             let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, &state, &drain));
-            (outbox::encode(&client, lease.worker, &lease, sums), ending)
+            (outbox::encode(lease.worker, &lease, sums), ending)
         };
         let (uploads, ending) = match tokio::task::spawn_blocking(work).await {
-            Ok((Ok(uploads), ending)) => (uploads, ending),
-            Ok((Err(error), _)) => {
-                tracing::error!(%error, "the result cannot be sent");
-                return (vec![], Farewell::Release, false);
-            }
+            Ok((uploads, ending)) => (uploads, ending),
             Err(error) => {
                 let message = format!("the worker failed: {error}");
                 return (
@@ -381,7 +384,7 @@ async fn pause(backoff: &mut Backoff, drain: &CancellationToken) {
 /// Sends heartbeats for the leases held, until `stop`.
 async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>, stop: CancellationToken) {
     loop {
-        let Terms { worker, heartbeat } = *terms.borrow();
+        let Terms { worker, heartbeat, .. } = *terms.borrow();
         tokio::select! {
             () = tokio::time::sleep(heartbeat) => {}
             () = stop.cancelled() => return,

@@ -2,6 +2,7 @@
 
 use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WorkersArgs};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_proto::token::Role;
 use photonfarm_worker::{Credentials, CredentialsError};
 use std::collections::BTreeMap;
@@ -53,6 +54,10 @@ Everything that the coordinator knows lies in the data folder: stop it or kill i
 with the same folder, and its jobs go on. Port 0 takes a free port; the first line on
 standard output says which. RUST_LOG sets how much is logged (warn, info, debug,
 photonfarm_coordinator=trace, ...).
+
+--state and --blobs keep jobs and bytes elsewhere; several coordinators share a farm by the same ones.
+For s3:// the usual variables AWS_ENDPOINT, AWS_REGION, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY apply:
+  photonfarm serve --listen 127.0.0.1:7800 --state postgres://farm:PASSWORD@db/farm --blobs s3://renders/farm
 
 A farm without any token is open to whoever can connect, so it listens on this machine only. Once
 there is one, every request needs one. To listen for other machines:
@@ -146,8 +151,14 @@ pub(crate) struct ServeArgs {
     #[arg(long, value_name = "ADDR")]
     pub(crate) listen: String,
     /// Folder for jobs and images; made if it is not there
-    #[arg(long, value_name = "DIR")]
-    pub(crate) data: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present_all = ["state", "blobs"])]
+    pub(crate) data: Option<PathBuf>,
+    /// Where jobs are kept: sqlite:PATH or postgres://USER:PASSWORD@HOST/DATABASE [default: farm.sqlite in the data folder]
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_STATE", hide_env_values = true)]
+    pub(crate) state: Option<StatePlace>,
+    /// Where scenes and images are kept: file:PATH or s3://BUCKET/PREFIX [default: the data folder]
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_BLOBS")]
+    pub(crate) blobs: Option<BlobPlace>,
     /// Certificate for encrypted connections, with those between it and its authority, as PEM
     #[arg(long, value_name = "FILE", requires = "tls_key", env = "PHOTONFARM_TLS_CERT")]
     pub(crate) tls_cert: Option<PathBuf>,
@@ -382,6 +393,8 @@ mod tests {
             "photonfarm workers --coordinator http://localhost:1",
             "photonfarm workers release 3 --coordinator http://localhost:1",
             "photonfarm workers quarantine 3 --reason broken --coordinator http://localhost:1",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --blobs s3://farm/images",
+            "photonfarm serve --listen 127.0.0.1:0 --state sqlite:a.sqlite --blobs file:b",
             "photonfarm submit s.xml --coordinator http://localhost:1 --wait -o o.exr --integrator pcf -Dx=1",
         ] {
             Cli::try_parse_from(line.split_whitespace()).unwrap_or_else(|e| panic!("{line}: {e}"));
@@ -403,6 +416,8 @@ mod tests {
             "photonfarm token create a --data d",
             "photonfarm token create a --role boss --data d",
             "photonfarm token create a --role read --days 0 --data d",
+            "photonfarm serve --listen 127.0.0.1:0 --state sqlite:a.sqlite",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --blobs http://farm",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format xml",
         ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_err(), "{line}");

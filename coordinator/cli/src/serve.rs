@@ -27,7 +27,7 @@ async fn serve(args: ServeArgs) -> Result<()> {
             ),
         })?;
     let stop = stop_signal()?;
-    let config = Config {
+    let mut config = Config {
         tls: args
             .tls_cert
             .zip(args.tls_key)
@@ -38,15 +38,18 @@ async fn serve(args: ServeArgs) -> Result<()> {
             verify_until: args.verify,
             ..SchedulerConfig::default()
         },
-        ..Config::new(&args.data)
+        ..Config::new(args.data.unwrap_or_default())
     };
+    config.state = args.state.unwrap_or(config.state);
+    config.blobs = args.blobs.unwrap_or(config.blobs);
+    let place = format!("{} and {}", config.state, config.blobs);
     let coordinator = Coordinator::start(config, listener)
         .await
-        .with_context(|| format!("cannot serve {} at {}", args.data.display(), args.listen))?;
+        .with_context(|| format!("cannot serve {place} at {}", args.listen))?;
     println!("listening on {}", coordinator.url());
     std::io::stdout().flush()?;
     stop.await;
-    tracing::info!("stopping; jobs go on when the coordinator is started again with the same data folder");
+    tracing::info!("stopping; jobs go on when the coordinator is started again with the same stores");
     coordinator.shutdown().await;
     Ok(())
 }

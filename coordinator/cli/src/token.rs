@@ -3,8 +3,8 @@
 use crate::args::{TokenArgs, TokenCommand, TokenPlace};
 use crate::client::Client;
 use anyhow::{Context, Result, bail};
+use photonfarm_coordinator::Config;
 use photonfarm_coordinator::access::Tokens;
-use photonfarm_coordinator::open_stores;
 use photonfarm_proto::token::{NewToken, Quota, TokenRequest, TokenStatus};
 
 /// Runs the command.
@@ -71,13 +71,13 @@ impl Place {
     async fn open(place: &TokenPlace) -> Result<Self> {
         match (&place.data, &place.coordinator) {
             (Some(data), _) => {
-                let stores = open_stores(data).with_context(|| {
+                let state = Config::new(data).state.open().await.with_context(|| {
                     format!(
                         "cannot use {}; while a coordinator runs on it, give --coordinator and an administrator's token",
                         data.display()
                     )
                 })?;
-                Ok(Self::State(Tokens::new(stores.state)))
+                Ok(Self::State(Tokens::new(state)))
             }
             (None, Some(url)) => {
                 let client = Client::new(url, place.credentials.load()?)?;

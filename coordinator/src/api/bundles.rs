@@ -8,7 +8,7 @@ use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::{IntoResponse, Redirect, Response};
 use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::BlobHash;
@@ -59,12 +59,19 @@ pub(super) async fn upload(
     })
 }
 
-/// The bytes of a file. The receiver verifies the hash.
+/// The bytes of a file, perhaps from another place. The receiver verifies the hash.
 #[utoipa::path(
     get, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path)),
-    responses((status = 200, content_type = "application/octet-stream"), (status = "4XX", body = Problem))
+    responses(
+        (status = 200, content_type = "application/octet-stream"),
+        (status = 307, description = "they are in the object store, at the URL in `Location`"),
+        (status = "4XX", body = Problem)
+    )
 )]
 pub(super) async fn download(State(service): State<App>, Id(hash): Id<BlobHash>) -> Result<Response, ApiError> {
+    if let Some(url) = service.stores.scenes.read_url(hash).await.map_err(ServiceError::from)? {
+        return Ok(Redirect::temporary(&url).into_response());
+    }
     let (bytes, reader) = service.stores.scenes.open(hash).await.map_err(ServiceError::from)?;
     let headers = [
         (header::CONTENT_TYPE, "application/octet-stream".to_owned()),

@@ -93,6 +93,8 @@ fn worker_routes() -> Router<App> {
         .route("/worker/lease", post(worker::lease))
         .route("/worker/heartbeat", post(worker::heartbeat))
         .route("/worker/nodes", post(worker::upload))
+        .route("/worker/nodes/place", post(worker::place))
+        .route("/worker/nodes/stored", post(worker::stored))
         .route("/worker/failures", post(worker::fail))
         .route("/worker/release", post(worker::release))
         .route("/worker/leave", post(worker::leave))

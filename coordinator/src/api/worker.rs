@@ -6,8 +6,8 @@ use crate::scheduler::Delivered;
 use axum::extract::{Request, State};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::worker::{
-    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodeReply, Register,
-    Registered, Release,
+    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
+    NodeUpload, Register, Registered, Release,
 };
 
 pub(super) async fn register(
@@ -16,7 +16,11 @@ pub(super) async fn register(
 ) -> Result<Framed<Registered>, ApiError> {
     let worker = service.register(register).await?;
     let heartbeat_ms = service.heartbeat_ms().await;
-    Ok(Framed(Registered { worker, heartbeat_ms }))
+    Ok(Framed(Registered {
+        worker,
+        heartbeat_ms,
+        stores: service.workers_store(),
+    }))
 }
 
 pub(super) async fn lease(
@@ -40,6 +44,23 @@ pub(super) async fn heartbeat(
 pub(super) async fn upload(State(service): State<App>, request: Request) -> Result<Framed<NodeReply>, ApiError> {
     expect_media_type(request.headers(), MESSAGE_MEDIA_TYPE)?;
     let delivered = service.upload(request.into_body().into_data_stream()).await?;
+    Ok(Framed(NodeReply {
+        duplicate: delivered == Delivered::Duplicate,
+    }))
+}
+
+pub(super) async fn place(
+    State(service): State<App>,
+    Framed(upload): Framed<NodeUpload>,
+) -> Result<Framed<NodePlace>, ApiError> {
+    Ok(Framed(service.place(&upload).await?))
+}
+
+pub(super) async fn stored(
+    State(service): State<App>,
+    Framed(upload): Framed<NodeUpload>,
+) -> Result<Framed<NodeReply>, ApiError> {
+    let delivered = service.stored(upload).await?;
     Ok(Framed(NodeReply {
         duplicate: delivered == Delivered::Duplicate,
     }))

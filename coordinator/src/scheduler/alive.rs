@@ -63,7 +63,7 @@ impl Farm {
     /// A worker was heard of.
     pub fn seen(&mut self, worker: WorkerId, now: Millis) -> Result<(), Refusal> {
         let worker = self.workers.get_mut(&worker).ok_or(Refusal::UnknownWorker(worker))?;
-        worker.last_seen_ms = now;
+        worker.last_seen_ms = worker.last_seen_ms.max(now);
         Ok(())
     }
 

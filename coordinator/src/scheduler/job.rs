@@ -193,6 +193,12 @@ impl Job {
             .map(|(leaf, attempts)| (*leaf, attempts.as_slice()))
     }
 
+    /// The leases held.
+    #[cfg(test)]
+    pub(crate) fn leases_held(&self) -> Vec<HeldLease> {
+        self.leases.values().cloned().collect()
+    }
+
     /// The lease, if this worker holds it.
     pub fn lease(&self, token: LeaseToken, worker: WorkerId) -> Result<&HeldLease, Refusal> {
         self.leases

@@ -1,5 +1,6 @@
 //! Siblings become their parent, until only maximal nodes are left; then a complete job ends.
 
+use super::garbage::Garbage;
 use super::{Service, ServiceError};
 use crate::scheduler::Job;
 use crate::store;
@@ -9,7 +10,11 @@ use photonfarm_proto::node::{self, NodeKey};
 use std::sync::Arc;
 
 impl Service {
+    /// Merges what there is, by and by; where several coordinators share the farm, the one that leads does.
     pub(super) fn fold_in_background(self: &Arc<Self>, job: JobId) {
+        if !self.leads() {
+            return;
+        }
         let service = self.clone();
         tokio::spawn(async move { service.fold_and_log(job).await });
     }
@@ -62,18 +67,25 @@ impl Service {
                 .transact(move |farm, _| Ok(farm.merge(job, parent, digest)))
                 .await?
             {
-                self.collect(vec![(job, parent, digest)]);
+                self.collect_refused(Garbage {
+                    job,
+                    node: parent,
+                    digest,
+                });
             }
         }
         Ok(())
     }
 
     /// A node of the image that nobody has looked at, where nothing is left to merge.
-    async fn next_unread(&self, job: JobId) -> Result<Option<(NodeKey, BlobHash)>, ServiceError> {
+    async fn next_unread(self: &Arc<Self>, job: JobId) -> Result<Option<(NodeKey, BlobHash)>, ServiceError> {
         Ok(self.fresh_farm().await?.farm.job(job).and_then(Job::next_unread))
     }
 
-    async fn next_merge(&self, job: JobId) -> Result<Option<(NodeKey, [(NodeKey, BlobHash); 2])>, ServiceError> {
+    async fn next_merge(
+        self: &Arc<Self>,
+        job: JobId,
+    ) -> Result<Option<(NodeKey, [(NodeKey, BlobHash); 2])>, ServiceError> {
         let cell = self.fresh_farm().await?;
         let Some(job) = cell.farm.job(job) else { return Ok(None) };
         Ok(job.next_merge().and_then(|parent| {

@@ -5,7 +5,6 @@ use super::{Service, ServiceError};
 use crate::access::Caller;
 use crate::scheduler::record::Millis;
 use crate::scheduler::{Decision, Farm, Job, Refusal};
-use crate::store::StoreError;
 use axum::body::Bytes;
 use futures_util::Stream;
 use photonfarm_proto::api::{BundleReply, JobPage, WorkerStatus};
@@ -34,7 +33,7 @@ impl Service {
         caller.within("bundle_bytes", used, Some(most))?;
         let mut missing = Vec::new();
         for (blob, _) in manifest.blobs() {
-            if !self.stores.scenes.contains(blob).await? && missing.last() != Some(&blob) {
+            if self.stores.scenes.size(blob).await?.is_none() && missing.last() != Some(&blob) {
                 missing.push(blob);
             }
         }
@@ -57,9 +56,9 @@ impl Service {
             let detail = format!("no bundle names a file {hash}: send the manifest first");
             return Err(Problem::new(ErrorCode::NotFound, detail).into());
         };
-        let mut staged = match self.stores.scenes.contains(hash).await? {
-            true => None,
-            false => Some(self.stores.scenes.stage().await?),
+        let mut staged = match self.stores.scenes.size(hash).await? {
+            Some(_) => None,
+            None => Some(self.stores.scenes.stage(hash).await?),
         };
         let mut received = 0;
         while let Some(piece) = next_piece(&mut body).await? {
@@ -74,7 +73,7 @@ impl Service {
         }
         let new = staged.is_some();
         if let Some(staged) = staged {
-            staged.publish(hash).await?;
+            staged.publish().await?;
         }
         Ok(new)
     }
@@ -133,21 +132,20 @@ impl Service {
                 .into());
         }
         for (name, file) in &manifest.files {
-            match self.stores.scenes.open(file.hash).await {
-                Ok((bytes, _)) if bytes == file.bytes => {}
-                Ok((bytes, _)) => {
+            match self.stores.scenes.size(file.hash).await? {
+                Some(bytes) if bytes == file.bytes => {}
+                Some(bytes) => {
                     let detail = format!("{name:?} has {bytes} bytes, the manifest says {}", file.bytes);
                     return Err(Problem::new(ErrorCode::ContentMismatch, detail)
                         .at("scene", None)
                         .into());
                 }
-                Err(StoreError::NoBlob(hash)) => {
-                    let detail = format!("{name:?} ({hash}) was not uploaded");
+                None => {
+                    let detail = format!("{name:?} ({}) was not uploaded", file.hash);
                     return Err(Problem::new(ErrorCode::BundleIncomplete, detail)
                         .at("scene", None)
                         .into());
                 }
-                Err(error) => return Err(error.into()),
             }
         }
         Ok(())
@@ -162,7 +160,7 @@ impl Service {
     }
 
     /// Name of the token that the job was submitted with.
-    pub async fn owner(&self, id: JobId) -> Result<String, ServiceError> {
+    pub async fn owner(self: &Arc<Self>, id: JobId) -> Result<String, ServiceError> {
         Ok(self.find_job(id).await?.head().owner.clone())
     }
 
@@ -239,7 +237,7 @@ impl Service {
         self.worker(worker).await
     }
 
-    async fn worker(&self, id: WorkerId) -> Result<WorkerStatus, ServiceError> {
+    async fn worker(self: &Arc<Self>, id: WorkerId) -> Result<WorkerStatus, ServiceError> {
         let mut workers = self.workers().await?.into_iter();
         Ok(workers
             .find(|worker| worker.id == id)
@@ -247,7 +245,11 @@ impl Service {
     }
 
     /// A page of jobs, newest first.
-    pub async fn list_jobs(&self, cursor: Option<&str>, limit: Option<u32>) -> Result<JobPage, ServiceError> {
+    pub async fn list_jobs(
+        self: &Arc<Self>,
+        cursor: Option<&str>,
+        limit: Option<u32>,
+    ) -> Result<JobPage, ServiceError> {
         let bad = |_| Problem::new(ErrorCode::Malformed, "cursor: not one that this service gave").at("cursor", None);
         let before = cursor.map(str::parse::<JobId>).transpose().map_err(bad)?;
         let limit = limit.unwrap_or(DEFAULT_PAGE).clamp(1, PAGE);

@@ -2,10 +2,15 @@
 
 mod error;
 mod fold;
+mod garbage;
 mod image;
 mod jobs;
 mod nodes;
 mod noise;
+mod shared;
+#[cfg(test)]
+mod shared_tests;
+mod stored;
 #[cfg(test)]
 mod tests;
 mod upload;
@@ -17,10 +22,9 @@ use crate::scheduler::record::{Change, LeaseRecord, Loss, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
 use photonfarm_proto::api::WorkerStatus;
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobStatus};
 use photonfarm_proto::limits::Limits;
-use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_tags;
 use photonfarm_proto::version_of;
@@ -38,6 +42,8 @@ const LONGEST_POLL: Duration = Duration::from_secs(30);
 const POLL_STEP: Duration = Duration::from_secs(1);
 /// Node images held in memory at once by uploads.
 const UPLOADS: usize = 4;
+/// Time between two searches for garbage.
+const SWEEP: Duration = Duration::from_secs(3600);
 /// Pictures encoded at once.
 const PICTURES: usize = 2;
 
@@ -67,6 +73,7 @@ pub struct Service {
     folding: Mutex<()>,
     uploads: Semaphore,
     pictures: Semaphore,
+    shared: shared::Shared,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
     publishing: RwLock<()>,
 }
@@ -128,29 +135,50 @@ impl Service {
             folding: Mutex::default(),
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
+            shared: shared::Shared::default(),
             publishing: RwLock::default(),
         });
         if !service.stores.state.is_shared() {
             service.transact(|farm, _| Ok(farm.restarted())).await?;
         }
-        service.remove_orphans().await?;
-        service.fold_all().await;
+        if service.take_lead().await? {
+            service.remove_orphans().await?;
+            service.fold_all().await;
+        }
         Ok(service)
     }
 
     /// Runs the clockwork until the service stops.
     pub async fn run(self: Arc<Self>, step: Duration) {
         let mut stopping = self.stopping.subscribe();
+        let follower = tokio::spawn(self.clone().follow());
+        let mut swept = Instant::now();
         loop {
             tokio::select! {
-                _ = stopping.wait_for(|stop| *stop) => return,
+                _ = stopping.wait_for(|stop| *stop) => break,
                 () = tokio::time::sleep(step) => {}
             }
-            if let Err(error) = self.transact(|farm, now| Ok(farm.expire(now))).await {
+            if let Err(error) = self.tick().await {
                 tracing::error!(%error, "leases could not be expired");
             }
+            if self.leads() && swept.elapsed() > SWEEP {
+                swept = Instant::now();
+                if let Err(error) = self.remove_orphans().await {
+                    tracing::warn!(%error, "garbage is left for later");
+                }
+            }
+        }
+        follower.abort();
+    }
+
+    /// What the clock makes happen. Where several coordinators share the farm, one of them does it.
+    async fn tick(self: &Arc<Self>) -> Result<(), ServiceError> {
+        self.exchange_beats().await?;
+        if self.take_lead().await? {
+            self.transact(|farm, now| Ok(farm.expire(now))).await?;
             self.fold_all().await;
         }
+        Ok(())
     }
 
     /// Ends waiting requests and the clockwork.
@@ -210,7 +238,7 @@ impl Service {
 
     /// Applies changes of this coordinator that are kept.
     fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
-        let garbage = merged_digests(&cell.farm, changes);
+        let garbage = garbage::superfluous(&cell.farm, changes);
         for change in changes {
             log_change(change);
             cell.farm.evolve(change, now);
@@ -220,7 +248,7 @@ impl Service {
     }
 
     /// Learns what other coordinators changed. Returns whether there was anything.
-    async fn catch_up(&self, cell: &mut FarmCell) -> Result<bool, ServiceError> {
+    async fn catch_up(self: &Arc<Self>, cell: &mut FarmCell) -> Result<bool, ServiceError> {
         if !self.stores.state.is_shared() {
             return Ok(false);
         }
@@ -232,6 +260,7 @@ impl Service {
                 cell.sequence = sequence;
                 if moved {
                     self.notify(&changes);
+                    self.fold_news(&changes);
                 }
                 Ok(moved)
             }
@@ -250,7 +279,7 @@ impl Service {
     }
 
     /// The farm's state, brought up to date if a commit left it in doubt.
-    async fn fresh_farm(&self) -> Result<tokio::sync::MutexGuard<'_, FarmCell>, ServiceError> {
+    async fn fresh_farm(self: &Arc<Self>) -> Result<tokio::sync::MutexGuard<'_, FarmCell>, ServiceError> {
         let mut cell = self.farm.lock().await;
         if cell.stale {
             if self.stores.state.is_shared() {
@@ -297,7 +326,7 @@ impl Service {
     }
 
     /// Time between heartbeats that workers are told.
-    pub async fn heartbeat_ms(&self) -> Millis {
+    pub async fn heartbeat_ms(self: &Arc<Self>) -> Millis {
         (self.farm.lock().await.farm.config().lease_ttl_ms / 5).max(20)
     }
 
@@ -310,7 +339,7 @@ impl Service {
         loop {
             work.mark_unchanged();
             let now = self.clock.now();
-            self.fresh_farm().await?.farm.seen(worker, now)?;
+            self.hear(worker, now).await?;
             let held = request.held.clone();
             let decide = move |farm: &Farm, now| {
                 let decision = farm.lease(worker, &held, now)?;
@@ -338,7 +367,7 @@ impl Service {
     }
 
     /// The work of a lease; none if its job has ended meanwhile.
-    async fn assignment(&self, record: &LeaseRecord) -> Result<Option<Assignment>, ServiceError> {
+    async fn assignment(self: &Arc<Self>, record: &LeaseRecord) -> Result<Option<Assignment>, ServiceError> {
         let cell = self.fresh_farm().await?;
         let expires_in_ms = cell.farm.config().lease_ttl_ms;
         let LeaseRecord {
@@ -363,13 +392,32 @@ impl Service {
         }))
     }
 
+    /// A worker asks for work, which is a sign of life.
+    async fn hear(self: &Arc<Self>, worker: WorkerId, now: Millis) -> Result<(), ServiceError> {
+        let mut cell = self.fresh_farm().await?;
+        while let Err(refusal) = cell.farm.seen(worker, now) {
+            if !self.catch_up(&mut cell).await? {
+                return Err(refusal.into());
+            }
+        }
+        self.note_beat(worker, &[], now);
+        Ok(())
+    }
+
     /// A sign of life; returns the leases that are lost.
     pub async fn heartbeat(self: &Arc<Self>, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
+        let (worker, leases) = (heartbeat.worker, heartbeat.leases.as_slice());
         let mut cell = self.fresh_farm().await?;
-        let lost = cell
-            .farm
-            .heartbeat(heartbeat.worker, &heartbeat.leases, self.clock.now())?;
-        let decision = cell.farm.reconnected(heartbeat.worker, self.clock.now());
+        let lost = loop {
+            let now = self.clock.now();
+            let result = cell.farm.heartbeat(worker, leases, now);
+            let sure = matches!(&result, Ok(lost) if lost.is_empty());
+            if sure || !self.catch_up(&mut cell).await? {
+                self.note_beat(worker, leases, now);
+                break result?;
+            }
+        };
+        let decision = cell.farm.reconnected(worker, self.clock.now());
         drop(cell);
         if !decision.changes.is_empty() {
             let worker = heartbeat.worker;
@@ -416,12 +464,12 @@ impl Service {
     }
 
     /// The workers heard of lately.
-    pub async fn workers(&self) -> Result<Vec<WorkerStatus>, ServiceError> {
+    pub async fn workers(self: &Arc<Self>) -> Result<Vec<WorkerStatus>, ServiceError> {
         Ok(self.fresh_farm().await?.farm.worker_statuses(self.clock.now()))
     }
 
     /// A job, whether it goes on or has ended.
-    async fn find_job(&self, id: JobId) -> Result<Job, ServiceError> {
+    async fn find_job(self: &Arc<Self>, id: JobId) -> Result<Job, ServiceError> {
         if let Some(job) = self.fresh_farm().await?.farm.job(id) {
             return Ok(job.clone());
         }
@@ -430,7 +478,7 @@ impl Service {
     }
 
     /// How far a job has come.
-    pub async fn status(&self, id: JobId) -> Result<JobStatus, ServiceError> {
+    pub async fn status(self: &Arc<Self>, id: JobId) -> Result<JobStatus, ServiceError> {
         let cell = self.fresh_farm().await?;
         if let Some(job) = cell.farm.job(id) {
             return Ok(cell.farm.status(job, self.clock.now()));
@@ -439,59 +487,6 @@ impl Service {
         drop(cell);
         Ok(self.find_job(id).await?.status(&config))
     }
-
-    /// Removes images of nodes that do not count, by and by.
-    fn collect(self: &Arc<Self>, garbage: Vec<(JobId, NodeKey, BlobHash)>) {
-        if garbage.is_empty() {
-            return;
-        }
-        let service = self.clone();
-        tokio::spawn(async move {
-            for (job, node, digest) in garbage {
-                service.remove_if_garbage(job, node, digest).await;
-            }
-        });
-    }
-
-    async fn remove_if_garbage(&self, job: JobId, node: NodeKey, digest: BlobHash) {
-        let _alone = self.publishing.write().await;
-        let counts = |job: &Job| job.live_nodes().any(|(live, hash)| live == node && hash == digest);
-        let result = match self.find_job(job).await {
-            Ok(job) if counts(&job) => return,
-            Ok(_) | Err(ServiceError::Refusal(_)) => self.stores.nodes.remove(digest).await,
-            Err(error) => return tracing::warn!(%error, "garbage is left for the next start"),
-        };
-        if let Err(error) = result {
-            tracing::warn!(%error, "garbage is left for the next start");
-        }
-    }
-
-    /// Removes node images that no row names: what a crash between bytes and row leaves.
-    async fn remove_orphans(&self) -> Result<(), ServiceError> {
-        let mut live = self.stores.state.live_digests().await?;
-        live.sort_unstable();
-        for (digest, _) in self.stores.nodes.list().await? {
-            if live.binary_search(&digest).is_err() {
-                self.stores.nodes.remove(digest).await?;
-            }
-        }
-        Ok(())
-    }
-}
-
-fn merged_digests(farm: &Farm, changes: &[Change]) -> Vec<(JobId, NodeKey, BlobHash)> {
-    let merged = changes.iter().filter_map(|change| match change {
-        Change::NodeMerged { job, node }
-        | Change::NodeLost { job, node, .. }
-        | Change::NodeJudged { job, node, .. } => Some((*job, *node)),
-        _ => None,
-    });
-    merged
-        .filter_map(|(id, node)| {
-            let (_, digest) = farm.job(id)?.live_nodes().find(|(live, _)| *live == node)?;
-            Some((id, node, digest))
-        })
-        .collect()
 }
 
 fn log_change(change: &Change) {

@@ -4,7 +4,7 @@ use super::*;
 use crate::access::Caller;
 use crate::scheduler::Delivered;
 use crate::store::memory::{MemoryStore, NextCommit};
-use crate::store::{self, FolderStore};
+use crate::store::{self, FolderStore, ObjectBlobs};
 use axum::body::Bytes;
 use futures_util::stream;
 use photonfarm_core::film::Node;
@@ -12,9 +12,11 @@ use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::RENDERER;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, encode_node};
-use photonfarm_proto::worker::{NodeUpload, frame_upload};
+use photonfarm_proto::worker::{NodePlace, NodeUpload, frame_upload};
+use photonfarm_test_servers::S3;
 use std::convert::Infallible;
 use std::path::Path;
 use tempfile::TempDir;
@@ -46,7 +48,14 @@ impl World {
     async fn new(iterations: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let state = Arc::new(MemoryStore::default());
-        let service = open(folder.path(), &state).await;
+        let stores = stores(folder.path(), &state);
+        Self::with(iterations, folder, state, stores).await
+    }
+
+    async fn with(iterations: u32, folder: TempDir, state: Arc<MemoryStore>, stores: Stores) -> Self {
+        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores)
+            .await
+            .unwrap();
         let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
         let bundle = service
             .submit_bundle(BundleManifest { files }, &Caller::anyone())
@@ -88,12 +97,15 @@ impl World {
         };
         let mut granted = self.service.lease(request.clone()).await.unwrap();
         if granted.is_none() {
-            granted = self.service.lease(request).await.unwrap();
+            // An iteration that failed is lent again after a while.
+            let wait_ms = 30_000;
+            granted = self.service.lease(LeaseRequest { wait_ms, ..request }).await.unwrap();
         }
         granted.unwrap().lease
     }
 
-    async fn upload(&self, lease: &Lease) -> Result<Delivered, ServiceError> {
+    /// What a worker announces, and the image.
+    fn rendered(&self, lease: &Lease) -> (NodeUpload, Vec<u8>) {
         let node = Node::leaf(
             lease.node.index,
             2,
@@ -112,6 +124,11 @@ impl World {
             digest: BlobHash::of(&image),
             totals: Totals::default(),
         };
+        (upload, image)
+    }
+
+    async fn upload(&self, lease: &Lease) -> Result<Delivered, ServiceError> {
+        let (upload, image) = self.rendered(lease);
         let body = [frame_upload(&upload).unwrap().as_slice(), &image[NodeHeader::BYTES..]].concat();
         self.service
             .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]))
@@ -215,6 +232,84 @@ async fn a_lost_image_is_rendered_again() {
     let again = world.lease().await;
     assert_eq!(again.node, first.node);
     world.upload(&again).await.unwrap();
+    world.service.fold_all().await;
+    let status = world.service.status(world.job).await.unwrap();
+    assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));
+}
+
+/// A farm whose workers put nodes into an object store.
+async fn world_of_objects(iterations: u32, s3: &S3) -> World {
+    let folder = tempfile::tempdir().unwrap();
+    let state = Arc::new(MemoryStore::default());
+    let variables = s3.environment().map(|(name, value)| (name.to_owned(), value));
+    let objects = ObjectBlobs::open_with("farm", "", variables.into_iter()).await.unwrap();
+    let stores = Stores {
+        state: state.clone(),
+        scenes: Arc::new(objects.below("scenes")),
+        nodes: Arc::new(objects.below("nodes")),
+    };
+    World::with(iterations, folder, state, stores).await
+}
+
+/// Puts bytes where the coordinator says, and says so.
+async fn put_and_say_so(world: &World, upload: &NodeUpload, bytes: Vec<u8>) -> Result<Delivered, ServiceError> {
+    let NodePlace::Url(url) = world.service.place(upload).await? else {
+        panic!("a place in the object store");
+    };
+    let http = reqwest::Client::builder().no_proxy().build().unwrap();
+    let status = http.put(url).body(bytes).send().await.unwrap().status();
+    assert!(status.is_success(), "{status}");
+    world.service.stored(upload.clone()).await
+}
+
+#[tokio::test]
+async fn nodes_that_workers_store_are_believed_only_when_read() {
+    let s3 = S3::start();
+    let world = world_of_objects(2, &s3).await;
+    let first = world.lease().await;
+    let (upload, image) = world.rendered(&first);
+
+    let problem = world.service.stored(upload.clone()).await.unwrap_err().into_problem();
+    assert_eq!(problem.code, ErrorCode::ContentMismatch, "nothing was put");
+    let mut lie = image.clone();
+    lie[40] ^= 1;
+    let problem = put_and_say_so(&world, &upload, lie).await.unwrap_err().into_problem();
+    assert_eq!(
+        problem.code,
+        ErrorCode::ContentMismatch,
+        "the first node is read at once"
+    );
+    let failures = world.state.rows().jobs[&world.job].failures.clone();
+    assert_eq!((failures.len(), failures[0].1.worker), (1, world.worker));
+    assert_eq!((world.done().await, world.blobs().await), (0, 0));
+    let stale = world.service.place(&upload).await.unwrap_err().into_problem();
+    assert_eq!(stale.code, ErrorCode::StaleLease, "a failure ends the lease");
+
+    let first = world.lease().await;
+    let (upload, image) = world.rendered(&first);
+    assert_eq!(
+        put_and_say_so(&world, &upload, image.clone()).await.unwrap(),
+        Delivered::Counted
+    );
+    assert_eq!(world.service.place(&upload).await.unwrap(), NodePlace::Known);
+    assert_eq!(world.service.stored(upload).await.unwrap(), Delivered::Duplicate);
+
+    let second = world.lease().await;
+    let (upload, image) = world.rendered(&second);
+    let mut lie = image.clone();
+    lie[40] ^= 1;
+    assert_eq!(put_and_say_so(&world, &upload, lie).await.unwrap(), Delivered::Counted);
+    world.service.fold_all().await;
+    assert_eq!(world.done().await, 1, "the lie was found when it was to be merged");
+    let failures = world.state.rows().jobs[&world.job].failures.clone();
+    assert_eq!((failures[1].0, failures[1].1.worker), (second.node.index, world.worker));
+
+    let second = world.lease().await;
+    let (upload, image) = world.rendered(&second);
+    assert_eq!(
+        put_and_say_so(&world, &upload, image).await.unwrap(),
+        Delivered::Counted
+    );
     world.service.fold_all().await;
     let status = world.service.status(world.job).await.unwrap();
     assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));

@@ -1,5 +1,6 @@
 //! Nodes arrive: bytes first, then the row, then the acknowledgement.
 
+use super::garbage::Garbage;
 use super::{Service, ServiceError};
 use crate::scheduler::{Delivered, Delivery, Job, Refusal};
 use crate::store;
@@ -58,7 +59,7 @@ impl Service {
     }
 
     /// Refuses what cannot count before any of it is read.
-    async fn check_upload(&self, upload: &NodeUpload) -> Result<(), ServiceError> {
+    pub(super) async fn check_upload(self: &Arc<Self>, upload: &NodeUpload) -> Result<(), ServiceError> {
         self.limits.check_resolution(upload.width, upload.height)?;
         if !upload.totals.is_valid() {
             return Err(Problem::new(ErrorCode::Invalid, "times and bandwidths are finite and not negative").into());
@@ -72,49 +73,54 @@ impl Service {
     }
 
     async fn accept(self: &Arc<Self>, upload: NodeUpload, bytes: Vec<u8>) -> Result<Delivered, ServiceError> {
-        let delivery = Delivery {
-            token: upload.token,
-            worker: upload.worker,
-            job: upload.job,
-            node: upload.node,
-            resolution: [upload.width, upload.height],
-            digest: upload.digest,
-            unread: false,
-            totals: upload.totals,
-        };
+        let delivery = delivery(&upload, false);
         let service = self.clone();
         let task = async move {
             let publishing = service.publishing.read().await;
             store::put(&*service.stores.nodes, &bytes).await?;
             let result = service.deliver(delivery.clone()).await;
             drop(publishing);
-            match &result {
-                Ok(Delivered::Counted | Delivered::Repeated) => {
-                    let now = service.clock.now();
-                    service.fresh_farm().await?.farm.observe(&delivery, now);
-                    service.fold_in_background(delivery.job);
-                    service.collect(vec![(delivery.job, delivery.node, delivery.digest)]);
-                }
-                Ok(Delivered::Disputed) => {
-                    let (worker, job, node) = (delivery.worker, delivery.job, delivery.node);
-                    tracing::error!(%worker, %job, %node, "incident: two results for one node; another worker decides");
-                    service.collect(vec![(job, node, delivery.digest)]);
-                    let detail = format!("job {job}: node {node} counts with another digest; another worker decides");
-                    return Err(Problem::new(ErrorCode::ResultConflict, detail).into());
-                }
-                Err(ServiceError::Refusal(refusal @ Refusal::Conflict { .. })) => {
-                    let (worker, job, node) = (delivery.worker, delivery.job, delivery.node);
-                    tracing::error!(%worker, %job, %node, %refusal, "incident: two results for one node");
-                    service.collect(vec![(job, node, delivery.digest)]);
-                }
-                _ => service.collect(vec![(delivery.job, delivery.node, delivery.digest)]),
-            }
-            result
+            service.after_delivery(&delivery, result).await
         };
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
     }
 
-    async fn deliver(self: &Arc<Self>, delivery: Delivery) -> Result<Delivered, ServiceError> {
+    /// What follows a delivery, whatever became of it.
+    pub(super) async fn after_delivery(
+        self: &Arc<Self>,
+        delivery: &Delivery,
+        result: Result<Delivered, ServiceError>,
+    ) -> Result<Delivered, ServiceError> {
+        let Delivery {
+            worker,
+            job,
+            node,
+            digest,
+            ..
+        } = *delivery;
+        let garbage = Garbage { job, node, digest };
+        match &result {
+            Ok(Delivered::Counted | Delivered::Repeated) => {
+                let now = self.clock.now();
+                self.fresh_farm().await?.farm.observe(delivery, now);
+                self.fold_in_background(job);
+            }
+            Ok(Delivered::Disputed) => {
+                tracing::error!(%worker, %job, %node, "incident: two results for one node; another worker decides");
+                self.collect_refused(garbage);
+                let detail = format!("job {job}: node {node} counts with another digest; another worker decides");
+                return Err(Problem::new(ErrorCode::ResultConflict, detail).into());
+            }
+            Err(ServiceError::Refusal(refusal @ Refusal::Conflict { .. })) => {
+                tracing::error!(%worker, %job, %node, %refusal, "incident: two results for one node");
+            }
+            _ => {}
+        }
+        self.collect_refused(garbage);
+        result
+    }
+
+    pub(super) async fn deliver(self: &Arc<Self>, delivery: Delivery) -> Result<Delivered, ServiceError> {
         let wanted = delivery.clone();
         match self.transact(move |farm, now| farm.deliver(&wanted, now)).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
@@ -123,6 +129,20 @@ impl Service {
             }
             other => other,
         }
+    }
+}
+
+/// What the scheduler is told of an upload.
+pub(super) fn delivery(upload: &NodeUpload, unread: bool) -> Delivery {
+    Delivery {
+        token: upload.token,
+        worker: upload.worker,
+        job: upload.job,
+        node: upload.node,
+        resolution: [upload.width, upload.height],
+        digest: upload.digest,
+        unread,
+        totals: upload.totals,
     }
 }
 

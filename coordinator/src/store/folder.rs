@@ -81,7 +81,7 @@ async fn in_background<T: Send + 'static>(
 
 #[async_trait]
 impl BlobStore for FolderStore {
-    async fn stage(&self) -> Result<Box<dyn StagedBlob>, StoreError> {
+    async fn stage(&self, hash: BlobHash) -> Result<Box<dyn StagedBlob>, StoreError> {
         let staging = self.root.join(STAGING);
         let (file, path) = in_background(move || {
             let file = tempfile::NamedTempFile::new_in(&staging).map_err(io(&staging))?;
@@ -93,6 +93,7 @@ impl BlobStore for FolderStore {
             store: self.clone(),
             file,
             guard,
+            expected: hash,
             hasher: blake3::Hasher::new(),
         }))
     }
@@ -126,9 +127,13 @@ impl BlobStore for FolderStore {
         Ok((bytes, Box::new(file)))
     }
 
-    async fn contains(&self, hash: BlobHash) -> Result<bool, StoreError> {
+    async fn size(&self, hash: BlobHash) -> Result<Option<u64>, StoreError> {
         let path = self.path(hash);
-        fs::try_exists(&path).await.map_err(io(&path))
+        match fs::metadata(&path).await {
+            Ok(metadata) => Ok(Some(metadata.len())),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(io(&path)(error)),
+        }
     }
 
     async fn remove(&self, hash: BlobHash) -> Result<(), StoreError> {
@@ -183,6 +188,7 @@ struct StagedFile {
     store: FolderStore,
     file: File,
     guard: StagedPath,
+    expected: BlobHash,
     hasher: blake3::Hasher,
 }
 
@@ -193,11 +199,12 @@ impl StagedBlob for StagedFile {
         self.file.write_all(bytes).await.map_err(io(&self.guard.0))
     }
 
-    async fn publish(self: Box<Self>, expected: BlobHash) -> Result<(), StoreError> {
+    async fn publish(self: Box<Self>) -> Result<(), StoreError> {
         let Self {
             store,
             mut file,
             guard,
+            expected,
             hasher,
         } = *self;
         let found = hasher.finalize().into();

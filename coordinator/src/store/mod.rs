@@ -3,15 +3,27 @@
 //! Bytes are published before the row that names them is committed, and removed after the row that named them is gone.
 //! A crash in between leaves bytes without a row, which the next start removes; never a row without bytes.
 
+#[cfg(test)]
+mod blob_tests;
 mod folder;
 #[cfg(test)]
 pub(crate) mod memory;
+mod object;
+mod place;
+mod postgres;
+mod postgres_schema;
+#[cfg(test)]
+mod postgres_tests;
 mod sql;
+mod sql_changes;
 mod sqlite;
 #[cfg(test)]
 mod tests;
 
 pub use folder::FolderStore;
+pub use object::ObjectBlobs;
+pub use place::{BlobPlace, PlaceError, StatePlace};
+pub use postgres::PostgresStore;
 pub use sqlite::SqliteStore;
 
 use crate::access::TokenRecord;
@@ -64,6 +76,15 @@ pub enum StoreError {
         /// What failed.
         source: std::io::Error,
     },
+    /// The database server failed, or the connection to it.
+    #[error("the database failed: {}", describe(.0))]
+    Postgres(#[from] tokio_postgres::Error),
+    /// No connection to the database server.
+    #[error("no connection to the database: {0}")]
+    Connection(String),
+    /// The object store failed.
+    #[error("the object store failed: {0}")]
+    Object(#[from] object_store::Error),
     /// The store's task did not end.
     #[error("the store was stopped")]
     Stopped,
@@ -73,7 +94,23 @@ impl StoreError {
     /// Whether the same call may succeed later, as after a full disk.
     #[must_use]
     pub fn retryable(&self) -> bool {
-        matches!(self, Self::Sqlite(_) | Self::Io { .. } | Self::Stopped)
+        matches!(
+            self,
+            Self::Sqlite(_)
+                | Self::Postgres(_)
+                | Self::Connection(_)
+                | Self::Object(_)
+                | Self::Io { .. }
+                | Self::Stopped
+        )
+    }
+}
+
+/// What the server said, which the error itself does not show.
+fn describe(error: &tokio_postgres::Error) -> String {
+    match std::error::Error::source(error) {
+        Some(source) => format!("{error}: {source}"),
+        None => error.to_string(),
     }
 }
 
@@ -165,8 +202,9 @@ pub trait StateStore: Send + Sync {
         Ok(News::Forgotten)
     }
 
-    /// Returns when there may be news; at the latest after about a second in a shared store, never in others.
-    async fn wait_for_news(&self) {
+    /// Returns when there may be news since the farm stood at `since`; at the latest after about a second in a shared
+    /// store, never in others.
+    async fn wait_for_news(&self, _since: Sequence) {
         std::future::pending().await
     }
 
@@ -196,32 +234,45 @@ pub trait StateStore: Send + Sync {
 ///   [`StoreError::Damaged`] where the same call will not succeed later.
 #[async_trait]
 pub trait BlobStore: Send + Sync {
-    /// Begins a blob. Dropping it leaves nothing behind that anyone could read.
-    async fn stage(&self) -> Result<Box<dyn StagedBlob>, StoreError>;
+    /// Begins the blob of this hash. Dropping it leaves nothing behind that anyone could read.
+    async fn stage(&self, hash: BlobHash) -> Result<Box<dyn StagedBlob>, StoreError>;
     /// All bytes, verified. A blob of more than `most` bytes is damaged.
     async fn read(&self, hash: BlobHash, most: u64) -> Result<Vec<u8>, StoreError>;
     /// The bytes as a stream with its length, not verified: the receiver does that.
     async fn open(&self, hash: BlobHash) -> Result<(u64, BlobReader), StoreError>;
-    /// Whether the blob is there.
-    async fn contains(&self, hash: BlobHash) -> Result<bool, StoreError>;
+    /// The size of the blob, if it is there.
+    async fn size(&self, hash: BlobHash) -> Result<Option<u64>, StoreError>;
     /// Removes the blob, if it is there.
     async fn remove(&self, hash: BlobHash) -> Result<(), StoreError>;
     /// Names of all blobs, with the time since 1970 when each was last published, by the store's clock [ms].
     async fn list(&self) -> Result<Vec<(BlobHash, Millis)>, StoreError>;
 
-    /// A URL by which whoever has it may do `access` to the blob, for a short time; nothing where the store has none.
-    async fn signed_url(&self, _hash: BlobHash, _access: Access) -> Result<Option<String>, StoreError> {
+    /// Whether there are URLs by which others may read and write for a short time.
+    fn signs(&self) -> bool {
+        false
+    }
+
+    /// A URL for an HTTP GET of the blob, where the store [`signs`](Self::signs).
+    async fn read_url(&self, _hash: BlobHash) -> Result<Option<String>, StoreError> {
         Ok(None)
     }
-}
 
-/// What a signed URL allows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// HTTP GET.
-    Read,
-    /// HTTP PUT of the whole blob.
-    Write,
+    /// A URL for an HTTP PUT of bytes that are no blob until they are [`adopt`](Self::adopt)ed by this name, where the
+    /// store [`signs`](Self::signs).
+    async fn write_url(&self, _name: &str) -> Result<Option<String>, StoreError> {
+        Ok(None)
+    }
+
+    /// Makes a blob of what was put to [`write_url`](Self::write_url). Its size is checked, its hash is not: readers
+    /// do that. [`StoreError::NoBlob`] if nothing was put, [`StoreError::Damaged`] if it has another size.
+    async fn adopt(&self, _name: &str, hash: BlobHash, _bytes: u64) -> Result<(), StoreError> {
+        Err(StoreError::NoBlob(hash))
+    }
+
+    /// Removes what was put before `before` and never adopted.
+    async fn tidy(&self, _before: Millis) -> Result<(), StoreError> {
+        Ok(())
+    }
 }
 
 /// Bytes of a blob as they are read.
@@ -232,15 +283,15 @@ pub type BlobReader = Box<dyn tokio::io::AsyncRead + Send + Unpin>;
 pub trait StagedBlob: Send {
     /// Appends bytes.
     async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError>;
-    /// Makes the bytes durable and visible, if they have the hash `expected`.
-    async fn publish(self: Box<Self>, expected: BlobHash) -> Result<(), StoreError>;
+    /// Makes the bytes durable and visible, if they have the hash announced.
+    async fn publish(self: Box<Self>) -> Result<(), StoreError>;
 }
 
 /// Stages and publishes bytes at hand, even if they are there: a blob that was published lately is no garbage.
 pub async fn put(store: &dyn BlobStore, bytes: &[u8]) -> Result<BlobHash, StoreError> {
     let hash = BlobHash::of(bytes);
-    let mut staged = store.stage().await?;
+    let mut staged = store.stage(hash).await?;
     staged.write(bytes).await?;
-    staged.publish(hash).await?;
+    staged.publish().await?;
     Ok(hash)
 }

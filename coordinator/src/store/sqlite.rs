@@ -1,6 +1,7 @@
 //! State in a SQLite file: write-ahead log, synced at every commit, locked for one process.
 
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
+use super::sql_changes::apply;
 use super::{Commit, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{Change, JobRecord, Snapshot};
@@ -262,7 +263,7 @@ impl StateStore for SqliteStore {
         self.change(move |queries| {
             Box::pin(async move {
                 for change in &changes {
-                    sql::apply(queries, change).await?;
+                    apply(queries, change).await?;
                 }
                 Ok((Commit::Kept(0), true))
             })

@@ -12,8 +12,8 @@ use photonfarm_proto::job::{Attempt, BandwidthRange, FailureKind, JobSpec, JobSt
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::schedule::{Checkpoint, Stop, StopReason};
 use photonfarm_proto::token::{Quota, Role, Usage};
+use photonfarm_test_servers::Postgres;
 use std::path::Path;
-use tokio::io::AsyncReadExt;
 
 fn spec() -> JobSpec {
     JobSpec {
@@ -85,7 +85,7 @@ fn worker(id: u64) -> WorkerRecord {
 }
 
 /// Every kind of change, in an order that a farm could make.
-fn history() -> Vec<Vec<Change>> {
+pub(super) fn history() -> Vec<Vec<Change>> {
     let job = JobId(1);
     let [left, right] = [NodeKey::leaf(0), NodeKey::leaf(1)];
     let attempt = |message: &str| Attempt {
@@ -268,17 +268,61 @@ async fn open_sqlite(folder: &Path) -> SqliteStore {
     SqliteStore::open(&folder.join("farm.sqlite")).unwrap()
 }
 
+async fn open_postgres(url: &str) -> PostgresStore {
+    PostgresStore::open(url.parse().unwrap(), "the test's database")
+        .await
+        .unwrap()
+}
+
+/// A new store of every kind.
+async fn stores(folder: &Path) -> [Box<dyn StateStore>; 3] {
+    [
+        Box::new(open_sqlite(folder).await),
+        Box::new(open_postgres(&Postgres::shared().database()).await),
+        Box::<MemoryStore>::default(),
+    ]
+}
+
+/// Where a farm is kept.
+enum Kept<'a> {
+    Sqlite(&'a Path),
+    Postgres(String),
+}
+
+impl Kept<'_> {
+    async fn open(&self) -> Box<dyn StateStore> {
+        match self {
+            Self::Sqlite(folder) => Box::new(open_sqlite(folder).await),
+            Self::Postgres(url) => Box::new(open_postgres(url).await),
+        }
+    }
+}
+
 /// A store that is opened anew after every commit keeps the same as rows in memory.
 #[tokio::test]
 async fn the_database_keeps_what_it_commits() {
     let folder = tempfile::tempdir().unwrap();
+    for kept in [
+        Kept::Sqlite(folder.path()),
+        Kept::Postgres(Postgres::shared().database()),
+    ] {
+        keeps_what_it_commits(kept).await;
+    }
+}
+
+async fn keeps_what_it_commits(kept: Kept<'_>) {
     let model = MemoryStore::default();
     for changes in history() {
-        let store = open_sqlite(folder.path()).await;
-        store.commit(0, changes.clone()).await.unwrap();
+        let store = kept.open().await;
+        let (sequence, _) = store.load().await.unwrap();
+        let step = u64::from(store.is_shared());
+        assert_eq!(
+            store.commit(sequence, changes.clone()).await.unwrap(),
+            Commit::Kept(sequence + step)
+        );
         model.commit(0, changes).await.unwrap();
-        drop(store);
-        let store = open_sqlite(folder.path()).await;
+        store.close().await;
+        let store = kept.open().await;
         assert_eq!(store.load().await.unwrap().1, model.load().await.unwrap().1);
         for id in 1..=4 {
             assert_eq!(store.job(JobId(id)).await.unwrap(), model.job(JobId(id)).await.unwrap());
@@ -286,8 +330,9 @@ async fn the_database_keeps_what_it_commits() {
         let mut digests = [store.live_digests().await.unwrap(), model.live_digests().await.unwrap()];
         digests.iter_mut().for_each(|digests| digests.sort_unstable());
         assert_eq!(digests[0], digests[1]);
+        store.close().await;
     }
-    let store = open_sqlite(folder.path()).await;
+    let store = kept.open().await;
     assert_eq!(
         store.load().await.unwrap().1.counters,
         Counters {
@@ -303,33 +348,34 @@ async fn the_database_keeps_what_it_commits() {
     }
     assert_eq!(store.job_by_key("key".into()).await.unwrap().unwrap().head.id, JobId(1));
     assert_eq!(store.job_by_key("other".into()).await.unwrap(), None);
+    store.close().await;
+    assert!(store.load().await.is_err(), "a closed store answers no more");
 }
 
 #[tokio::test]
 async fn a_commit_is_whole_or_not_at_all() {
     let folder = tempfile::tempdir().unwrap();
-    let store = open_sqlite(folder.path()).await;
-    store
-        .commit(0, vec![Change::JobSubmitted(head(1, Some("key")))])
-        .await
-        .unwrap();
-    let before = store.load().await.unwrap().1;
-    let changes = vec![
-        Change::LeaseGranted(lease(1)),
-        Change::JobSubmitted(head(2, Some("key"))),
-    ];
-    assert!(store.commit(0, changes).await.is_err());
-    assert_eq!(store.load().await.unwrap().1, before);
+    for kept in [
+        Kept::Sqlite(folder.path()),
+        Kept::Postgres(Postgres::shared().database()),
+    ] {
+        let store = kept.open().await;
+        let submitted = vec![Change::JobSubmitted(head(1, Some("key")))];
+        store.commit(0, submitted).await.unwrap();
+        let (sequence, before) = store.load().await.unwrap();
+        let changes = vec![
+            Change::LeaseGranted(lease(1)),
+            Change::JobSubmitted(head(2, Some("key"))),
+        ];
+        assert!(store.commit(sequence, changes).await.is_err());
+        assert_eq!(store.load().await.unwrap(), (sequence, before));
+    }
 }
 
 #[tokio::test]
 async fn bundles_are_kept() {
     let folder = tempfile::tempdir().unwrap();
-    let stores: [Box<dyn StateStore>; 2] = [
-        Box::new(open_sqlite(folder.path()).await),
-        Box::<MemoryStore>::default(),
-    ];
-    for store in stores {
+    for store in stores(folder.path()).await {
         let manifest = |bytes| BundleManifest {
             files: [(
                 "a".to_owned(),
@@ -355,11 +401,7 @@ async fn bundles_are_kept() {
 #[tokio::test]
 async fn tokens_are_kept_under_their_names() {
     let folder = tempfile::tempdir().unwrap();
-    let stores: [Box<dyn StateStore>; 2] = [
-        Box::new(open_sqlite(folder.path()).await),
-        Box::<MemoryStore>::default(),
-    ];
-    for store in stores {
+    for store in stores(folder.path()).await {
         let token = |name: &str, secret: &[u8]| TokenRecord {
             name: name.into(),
             role: Role::Submit,
@@ -384,13 +426,13 @@ async fn tokens_are_kept_under_their_names() {
 #[tokio::test]
 async fn use_is_counted_by_owner() {
     let folder = tempfile::tempdir().unwrap();
-    let stores: [Box<dyn StateStore>; 2] = [
-        Box::new(open_sqlite(folder.path()).await),
-        Box::<MemoryStore>::default(),
-    ];
-    for store in stores {
+    for store in stores(folder.path()).await {
+        let mut sequence = 0;
         for changes in history() {
-            store.commit(0, changes).await.unwrap();
+            let Commit::Kept(next) = store.commit(sequence, changes).await.unwrap() else {
+                panic!("nobody else was there");
+            };
+            sequence = next;
         }
         let manifest = |files: &[(&str, u64)]| BundleManifest {
             files: files
@@ -474,59 +516,4 @@ async fn a_damaged_database_is_refused() {
     bytes[page..3 * page].fill(0xab);
     std::fs::write(&path, bytes).unwrap();
     assert!(SqliteStore::open(&path).is_err());
-}
-
-#[tokio::test]
-async fn blobs_are_there_whole_or_not_at_all() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = FolderStore::open(folder.path(), false).unwrap();
-    let hash = BlobHash::of(b"light");
-    assert!(matches!(store.read(hash, 5).await, Err(StoreError::NoBlob(_))));
-    assert!(matches!(store.open(hash).await, Err(StoreError::NoBlob(_))));
-
-    let mut staged = store.stage().await.unwrap();
-    staged.write(b"li").await.unwrap();
-    assert!(!store.contains(hash).await.unwrap());
-    staged.write(b"ght").await.unwrap();
-    staged.publish(hash).await.unwrap();
-    assert_eq!(store.read(hash, 5).await.unwrap(), b"light");
-
-    let mut wrong = store.stage().await.unwrap();
-    wrong.write(b"lignt").await.unwrap();
-    assert!(matches!(wrong.publish(hash).await, Err(StoreError::WrongHash { .. })));
-    drop(store.stage().await.unwrap());
-    assert_eq!(std::fs::read_dir(folder.path().join("staging")).unwrap().count(), 0);
-
-    assert_eq!(put(&store, b"light").await.unwrap(), hash);
-    let store = FolderStore::open(folder.path(), false).unwrap();
-    assert_eq!(store.list().await.unwrap()[0].0, hash);
-    let (bytes, mut reader) = store.open(hash).await.unwrap();
-    let mut read = Vec::new();
-    reader.read_to_end(&mut read).await.unwrap();
-    assert_eq!((bytes, read.as_slice()), (5, b"light".as_slice()));
-    store.remove(hash).await.unwrap();
-    store.remove(hash).await.unwrap();
-    assert!(!store.contains(hash).await.unwrap());
-}
-
-#[tokio::test]
-async fn half_written_blobs_are_gone_after_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = FolderStore::open(folder.path(), false).unwrap();
-    let mut staged = store.stage().await.unwrap();
-    staged.write(b"half").await.unwrap();
-    std::mem::forget(staged);
-    let store = FolderStore::open(folder.path(), false).unwrap();
-    assert_eq!(std::fs::read_dir(folder.path().join("staging")).unwrap().count(), 0);
-    assert_eq!(store.list().await.unwrap(), []);
-}
-
-#[tokio::test]
-async fn damaged_blobs_are_noticed() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = FolderStore::open(folder.path(), false).unwrap();
-    let hash = put(&store, b"light").await.unwrap();
-    let digits = hash.to_string();
-    std::fs::write(folder.path().join(&digits[..2]).join(&digits[2..]), b"lighs").unwrap();
-    assert!(matches!(store.read(hash, 5).await, Err(StoreError::Damaged(_))));
 }

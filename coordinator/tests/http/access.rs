@@ -363,7 +363,7 @@ async fn a_farm_without_tokens_stays_on_its_machine() {
     let bare = Coordinator::start(Config::new(folder.path()), listener().await).await;
     assert!(matches!(bare, Err(StartError::NoToken(_))));
     drop(bare);
-    let stores = open_stores(folder.path()).unwrap();
+    let stores = open_stores(&Config::new(folder.path())).await.unwrap();
     let made = Tokens::new(stores.state.clone())
         .create(request("boss", Role::Admin))
         .await

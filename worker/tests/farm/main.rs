@@ -4,6 +4,7 @@
 mod support;
 
 use photonfarm_proto::job::{FailureKind, JobState};
+use photonfarm_test_servers::S3;
 use support::{Farm, Fault};
 
 fn sorted(mut iterations: Vec<u32>) -> Vec<u32> {
@@ -158,4 +159,32 @@ async fn a_worker_waits_for_its_coordinator() {
     let job = farm.submit(b"good", 2).await;
     assert_eq!(farm.until_ended(job).await.state, JobState::Done);
     worker.drain().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn workers_put_images_into_an_object_store_that_may_be_away_for_a_while() {
+    let mut farm = Farm::start_on(Some(S3::start())).await;
+    farm.stage.hold(6);
+    let workers = ["a", "b"].map(|name| farm.worker(name));
+    let job = farm.submit(b"good", 13).await;
+    farm.stage.until_begun(6, 1).await;
+    farm.s3.as_mut().unwrap().stop();
+    farm.stage.release(6);
+    while !farm.stage.completed.lock().unwrap().contains(&6) {
+        tokio::task::yield_now().await;
+    }
+    farm.s3.as_mut().unwrap().restart();
+    let status = farm.until_ended(job).await;
+    assert_eq!((status.state, status.iterations_done), (JobState::Done, 13));
+    assert_eq!(status.poisoned, []);
+    farm.check_image(job, 1..=13).await;
+    for worker in workers {
+        worker.drain().await;
+    }
+    let files = |key: &str| {
+        let folder = std::fs::read_dir(farm.s3.as_ref().unwrap().file(key));
+        folder.map_or(0, |files| files.count())
+    };
+    assert!(files("nodes") > 0, "images are objects");
+    assert_eq!(files("nodes/incoming"), 0, "nothing is left where workers put them");
 }

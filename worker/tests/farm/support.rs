@@ -1,7 +1,8 @@
 //! A farm in one process, with a renderer whose pixels are known and which can be held, broken and watched.
 
 use futures_util::StreamExt;
-use photonfarm_coordinator::{Config, Coordinator};
+use photonfarm_coordinator::store::ObjectBlobs;
+use photonfarm_coordinator::{Config, Coordinator, open_stores};
 use photonfarm_core::film::{Image, Node};
 use photonfarm_core::integrator::{Counts, Iteration, Observer, Phase, RenderError};
 use photonfarm_core::picture::{DecodedExr, decode_exr};
@@ -12,6 +13,7 @@ use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::{BandwidthRange, JobSpec, JobStatus};
+use photonfarm_test_servers::S3;
 use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
@@ -157,16 +159,24 @@ pub(crate) struct Farm {
     folder: TempDir,
     address: SocketAddr,
     coordinator: Option<Coordinator>,
+    /// Where bytes are, if not in a folder.
+    pub(crate) s3: Option<S3>,
     pub(crate) http: reqwest::Client,
 }
 
 impl Farm {
     pub(crate) async fn start() -> Self {
+        Self::start_on(None).await
+    }
+
+    /// A farm whose bytes are objects.
+    pub(crate) async fn start_on(s3: Option<S3>) -> Self {
         let mut farm = Self {
             stage: Arc::default(),
             folder: tempfile::tempdir().unwrap(),
             address: SocketAddr::from(([127, 0, 0, 1], 0)),
             coordinator: None,
+            s3,
             http: reqwest::Client::builder().no_proxy().build().unwrap(),
         };
         farm.resume().await;
@@ -185,7 +195,14 @@ impl Farm {
     pub(crate) async fn resume(&mut self) {
         let listener = TcpListener::bind(self.address).await.unwrap();
         self.address = listener.local_addr().unwrap();
-        self.coordinator = Some(Coordinator::start(self.config(), listener).await.unwrap());
+        let config = self.config();
+        let mut stores = open_stores(&config).await.unwrap();
+        if let Some(s3) = &self.s3 {
+            let variables = s3.environment().map(|(name, value)| (name.to_owned(), value));
+            let objects = ObjectBlobs::open_with("farm", "", variables.into_iter()).await.unwrap();
+            (stores.scenes, stores.nodes) = (Arc::new(objects.below("scenes")), Arc::new(objects.below("nodes")));
+        }
+        self.coordinator = Some(Coordinator::start_with(config, stores, listener).await.unwrap());
     }
 
     pub(crate) async fn stop(&mut self) {

@@ -1,0 +1,120 @@
+//! Nodes that workers put into the object store themselves: a place to put them, then the row, then the acknowledgement.
+//!
+//! The bytes do not pass through the coordinator before they count. A job's first node, which fixes its image size, is
+//! read at once; any other when it is merged, shown, or before the job ends.
+
+use super::upload::delivery;
+use super::{Service, ServiceError};
+use crate::scheduler::{Delivered, Job, Refusal};
+use crate::store::StoreError;
+use photonfarm_proto::job::{Attempt, FailureKind};
+use photonfarm_proto::node::NodeHeader;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::worker::{NodePlace, NodeUpload};
+use std::sync::Arc;
+
+/// An object of this upload alone.
+fn name(upload: &NodeUpload) -> String {
+    format!("{}-{}", upload.token, upload.digest)
+}
+
+impl Service {
+    /// Whether workers put nodes into the store themselves.
+    pub(crate) fn workers_store(&self) -> bool {
+        self.stores.nodes.signs()
+    }
+
+    /// Where a worker may put a node that it could deliver now.
+    pub(crate) async fn place(self: &Arc<Self>, upload: &NodeUpload) -> Result<NodePlace, ServiceError> {
+        self.check_upload(upload).await?;
+        if self.would_count(upload).await? == Delivered::Duplicate {
+            self.deliver(delivery(upload, true)).await?;
+            return Ok(NodePlace::Known);
+        }
+        let url = self.stores.nodes.write_url(&name(upload)).await?;
+        Ok(url.map_or(NodePlace::Here, NodePlace::Url))
+    }
+
+    /// A worker says that it has put a node to its place.
+    pub(crate) async fn stored(self: &Arc<Self>, upload: NodeUpload) -> Result<Delivered, ServiceError> {
+        self.check_upload(&upload).await?;
+        if self.would_count(&upload).await? == Delivered::Duplicate {
+            return self.deliver(delivery(&upload, true)).await;
+        }
+        let service = self.clone();
+        let task = async move {
+            let publishing = service.publishing.read().await;
+            let header = upload.header();
+            let bytes = NodeHeader::BYTES as u64 + header.plane_bytes();
+            let adopted = service.stores.nodes.adopt(&name(&upload), upload.digest, bytes).await;
+            adopted.map_err(not_there)?;
+            let first = service.find_job(upload.job).await?.resolution().is_none();
+            let _permit = match first {
+                true => Some(service.uploads.acquire().await.map_err(|_| ServiceError::Stopping)?),
+                false => None,
+            };
+            if first && let Err(reason) = service.read_node(header, upload.digest).await? {
+                service.stores.nodes.remove(upload.digest).await?;
+                service.blame(&upload, reason.clone()).await?;
+                return Err(Problem::new(ErrorCode::ContentMismatch, reason).into());
+            }
+            let delivery = delivery(&upload, !first);
+            let result = service.deliver(delivery.clone()).await;
+            drop(publishing);
+            service.after_delivery(&delivery, result).await
+        };
+        tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
+    }
+
+    /// What would become of a delivery now.
+    async fn would_count(self: &Arc<Self>, upload: &NodeUpload) -> Result<Delivered, ServiceError> {
+        let delivery = delivery(upload, true);
+        let wanted = delivery.clone();
+        let decide = move |farm: &crate::scheduler::Farm, now| {
+            let mut decision = farm.deliver(&wanted, now)?;
+            decision.changes.clear();
+            Ok(decision)
+        };
+        match self.transact(decide).await {
+            Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
+                let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
+                Ok(Job::from_record(record).deliver(&delivery, false)?.0)
+            }
+            other => other,
+        }
+    }
+
+    /// The image that a worker stored is not what it said: a failure of the worker at the node's first leaf.
+    async fn blame(self: &Arc<Self>, upload: &NodeUpload, reason: String) -> Result<(), ServiceError> {
+        let NodeUpload {
+            token,
+            worker,
+            job,
+            node,
+            ..
+        } = *upload;
+        let Ok(leaf) = u32::try_from(node.first()) else {
+            return Ok(());
+        };
+        let attempt = Attempt {
+            worker,
+            kind: FailureKind::Render,
+            message: format!("worker {worker} stored node {node}, but {reason}"),
+            at_ms: self.clock.now(),
+        };
+        self.transact(move |farm, now| farm.fail(job, token, leaf, attempt.clone(), now))
+            .await
+    }
+}
+
+/// Nothing was put, or only a part: the worker is to put it again.
+fn not_there(error: StoreError) -> ServiceError {
+    match error {
+        StoreError::NoBlob(_) | StoreError::Damaged(_) => Problem::new(
+            ErrorCode::ContentMismatch,
+            format!("the node is not in the store: {error}"),
+        )
+        .into(),
+        other => other.into(),
+    }
+}

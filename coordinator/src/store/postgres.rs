@@ -1,0 +1,477 @@
+//! State in PostgreSQL, which several coordinators share.
+//!
+//! Every commit locks the one row of the table `farm`, and is kept only if the farm still stands where the coordinator
+//! decided; what it changed is written to the table `change` as well, from which the others learn it.
+
+use super::postgres_schema::prepare;
+use super::sql::{self, Answer, Queries, Row, Statement, Value};
+use super::sql_changes::apply;
+use super::{Beat, Commit, News, Sequence, StateStore, StoreError};
+use crate::access::TokenRecord;
+use crate::scheduler::record::{Change, JobRecord, Millis, Snapshot};
+use async_trait::async_trait;
+use bytes::BytesMut;
+use deadpool_postgres::{GenericClient, Manager, ManagerConfig, Object, Pool, RecyclingMethod, Runtime};
+use futures_util::future::poll_fn;
+use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
+use photonfarm_proto::token::Usage;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::sync::{Mutex, watch};
+use tokio::task::JoinHandle;
+use tokio_postgres::types::{FromSql, IsNull, ToSql, Type};
+use tokio_postgres::{AsyncMessage, Config, IsolationLevel, NoTls};
+
+/// Connections of one coordinator, besides those that listen and lead.
+const CONNECTIONS: usize = 8;
+/// Longest wait for a connection, and for an answer about who leads.
+const CONNECT: Duration = Duration::from_secs(5);
+/// Longest time without a look for news.
+const POLL: Duration = Duration::from_secs(1);
+/// Commits that the table `change` remembers.
+const REMEMBERED: Sequence = 16_384;
+/// Commits between two removals of what is remembered no more.
+const PRUNE_EVERY: Sequence = 256;
+/// Age at which a sign of life is of no use to anyone [ms].
+const BEAT_AGE: i64 = 86_400_000;
+/// Time by which signs of life may be seen late [ms].
+const BEAT_MARGIN: Millis = 5_000;
+/// Names what the leader locks.
+const LEADER: i64 = 0x5048_464d_0001;
+/// The database's clock [ms since 1970].
+const NOW: &str = "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)";
+
+/// The state of a farm in a PostgreSQL database.
+pub struct PostgresStore {
+    pool: Pool,
+    offset_ms: i64,
+    /// The highest place in the order of commits that was heard of.
+    heard: watch::Receiver<Sequence>,
+    listener: JoinHandle<()>,
+    /// The connection that holds the leader's lock.
+    leader: Mutex<Option<Object>>,
+    beats_seen_ms: AtomicU64,
+}
+
+impl PostgresStore {
+    /// Connects, and makes or migrates the tables. `place` names the database in errors, without its password.
+    pub async fn open(mut config: Config, place: &str) -> Result<Self, StoreError> {
+        config.application_name("photonfarm").connect_timeout(CONNECT);
+        let recycling_method = RecyclingMethod::Fast;
+        let manager = Manager::from_config(config.clone(), NoTls, ManagerConfig { recycling_method });
+        let pool = Pool::builder(manager)
+            .max_size(CONNECTIONS)
+            .runtime(Runtime::Tokio1)
+            .wait_timeout(Some(CONNECT))
+            .create_timeout(Some(CONNECT))
+            .build()
+            .map_err(|error| StoreError::Connection(error.to_string()))?;
+        let mut client = get(&pool).await.map_err(|error| match error {
+            StoreError::Connection(reason) => StoreError::Foreign {
+                place: place.into(),
+                reason,
+            },
+            other => other,
+        })?;
+        prepare(&mut client, place).await?;
+        let offset_ms = clock_offset(&client).await?;
+        drop(client);
+        let (tell, heard) = watch::channel(0);
+        Ok(Self {
+            pool,
+            offset_ms,
+            heard,
+            listener: tokio::spawn(listen(config, tell)),
+            leader: Mutex::default(),
+            beats_seen_ms: AtomicU64::new(0),
+        })
+    }
+
+    /// Answers by queries on one state. Where a connection turns out to be dead, another one is asked.
+    async fn ask<T: Send>(
+        &self,
+        question: impl for<'a> Fn(&'a mut dyn Queries) -> Answer<'a, T> + Send + Sync,
+    ) -> Result<T, StoreError> {
+        for _ in 0..CONNECTIONS {
+            match self.ask_once(&question).await {
+                Err(StoreError::Postgres(error)) if error.is_closed() => {}
+                other => return other,
+            }
+        }
+        self.ask_once(&question).await
+    }
+
+    async fn ask_once<T: Send>(
+        &self,
+        question: &(impl for<'a> Fn(&'a mut dyn Queries) -> Answer<'a, T> + Send + Sync),
+    ) -> Result<T, StoreError> {
+        let mut client = get(&self.pool).await?;
+        let transaction = client
+            .build_transaction()
+            .isolation_level(IsolationLevel::RepeatableRead)
+            .read_only(true)
+            .start()
+            .await?;
+        let answer = question(&mut Session(&transaction)).await?;
+        transaction.commit().await?;
+        Ok(answer)
+    }
+
+    /// Changes rows in one transaction, which is undone unless the answer says otherwise.
+    async fn change<T: Send>(
+        &self,
+        question: impl for<'a> FnOnce(&'a mut dyn Queries) -> Answer<'a, (T, bool)> + Send,
+    ) -> Result<T, StoreError> {
+        let mut client = get(&self.pool).await?;
+        let transaction = client.transaction().await?;
+        let (answer, kept) = question(&mut Session(&transaction)).await?;
+        if kept {
+            transaction.commit().await?;
+        } else {
+            transaction.rollback().await?;
+        }
+        Ok(answer)
+    }
+
+    async fn try_lead(&self) -> Result<bool, StoreError> {
+        let mut leader = self.leader.lock().await;
+        if let Some(client) = leader.as_ref() {
+            match tokio::time::timeout(CONNECT, client.simple_query("")).await {
+                Ok(Ok(_)) => return Ok(true),
+                // The lock went with the connection, or will.
+                _ => drop(leader.take().map(Object::take)),
+            }
+        }
+        let client = get(&self.pool).await?;
+        let locked: bool = client
+            .query_one("SELECT pg_try_advisory_lock($1)", &[&LEADER])
+            .await?
+            .get(0);
+        if locked {
+            *leader = Some(client);
+        }
+        Ok(locked)
+    }
+}
+
+impl Drop for PostgresStore {
+    fn drop(&mut self) {
+        self.listener.abort();
+    }
+}
+
+async fn get(pool: &Pool) -> Result<Object, StoreError> {
+    pool.get().await.map_err(|error| match error {
+        deadpool_postgres::PoolError::Backend(error) => error.into(),
+        deadpool_postgres::PoolError::Closed => StoreError::Stopped,
+        other => StoreError::Connection(other.to_string()),
+    })
+}
+
+/// What to add to this machine's clock to have the database's.
+async fn clock_offset(client: &Object) -> Result<i64, StoreError> {
+    let local = || {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        since_1970.as_millis() as i64
+    };
+    let before = local();
+    let database: i64 = client.query_one(NOW, &[]).await?.get(0);
+    let after = local();
+    Ok(database - before - (after - before) / 2)
+}
+
+/// Hears of commits for ever, on a connection of its own.
+async fn listen(config: Config, tell: watch::Sender<Sequence>) {
+    loop {
+        if let Err(error) = listen_once(&config, &tell).await {
+            tracing::warn!(%error, "no news from the database; trying again");
+        }
+        tokio::time::sleep(POLL).await;
+    }
+}
+
+async fn listen_once(config: &Config, tell: &watch::Sender<Sequence>) -> Result<(), StoreError> {
+    let (client, mut connection) = config.connect(NoTls).await?;
+    let hear = async {
+        while let Some(message) = poll_fn(|context| connection.poll_message(context)).await {
+            if let AsyncMessage::Notification(notification) = message?
+                && let Ok(sequence) = notification.payload().parse::<Sequence>()
+            {
+                tell.send_if_modified(|highest| {
+                    let higher = sequence > *highest;
+                    *highest = sequence.max(*highest);
+                    higher
+                });
+            }
+        }
+        Ok(())
+    };
+    let ask = async {
+        client.batch_execute("LISTEN photonfarm").await?;
+        // Listens for as long as the connection lasts.
+        std::future::pending::<Result<(), StoreError>>().await
+    };
+    tokio::select! {
+        ended = hear => ended,
+        ended = ask => ended,
+    }
+}
+
+/// A transaction.
+struct Session<'a>(&'a deadpool_postgres::Transaction<'a>);
+
+#[async_trait]
+impl Queries for Session<'_> {
+    async fn query(&mut self, Statement { sql, values, .. }: Statement) -> Result<Vec<Row>, StoreError> {
+        let statement = self.0.prepare_cached(&sql.replace('?', "$")).await?;
+        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
+        let rows = self.0.query(&statement, &values).await?;
+        let read = |row: &tokio_postgres::Row| {
+            let values = (0..row.len()).map(|column| row.try_get::<_, Value>(column));
+            Ok(Row::new(values.collect::<Result<_, _>>()?))
+        };
+        rows.iter().map(read).collect()
+    }
+
+    async fn execute(&mut self, Statement { sql, values, .. }: Statement) -> Result<u64, StoreError> {
+        let statement = self.0.prepare_cached(&sql.replace('?', "$")).await?;
+        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
+        Ok(self.0.execute(&statement, &values).await?)
+    }
+}
+
+type ValueError = Box<dyn std::error::Error + Sync + Send>;
+
+impl ToSql for Value {
+    fn to_sql(&self, kind: &Type, out: &mut BytesMut) -> Result<IsNull, ValueError> {
+        match self {
+            Self::Null => Ok(IsNull::Yes),
+            Self::Integer(value) => value.to_sql(kind, out),
+            Self::Text(text) => text.to_sql(kind, out),
+            Self::Bytes(bytes) => bytes.to_sql(kind, out),
+        }
+    }
+
+    fn accepts(kind: &Type) -> bool {
+        matches!(*kind, Type::INT8 | Type::TEXT | Type::BYTEA)
+    }
+
+    tokio_postgres::types::to_sql_checked!();
+}
+
+impl<'a> FromSql<'a> for Value {
+    fn from_sql(kind: &Type, raw: &'a [u8]) -> Result<Self, ValueError> {
+        Ok(match *kind {
+            Type::INT8 => Self::Integer(i64::from_sql(kind, raw)?),
+            Type::TEXT => Self::Text(String::from_sql(kind, raw)?),
+            _ => Self::Bytes(Vec::from_sql(kind, raw)?),
+        })
+    }
+
+    fn from_sql_null(_: &Type) -> Result<Self, ValueError> {
+        Ok(Self::Null)
+    }
+
+    fn accepts(kind: &Type) -> bool {
+        <Self as ToSql>::accepts(kind)
+    }
+}
+
+fn signed(sequence: Sequence) -> i64 {
+    sequence.try_into().unwrap_or(i64::MAX)
+}
+
+fn unsigned(value: i64) -> u64 {
+    value.try_into().unwrap_or_default()
+}
+
+#[async_trait]
+impl StateStore for PostgresStore {
+    async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
+        self.ask(|queries| {
+            Box::pin(async move {
+                let sequence = sql::sequence(queries).await?;
+                Ok((sequence, sql::load(queries).await?))
+            })
+        })
+        .await
+    }
+
+    async fn commit(&self, expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError> {
+        let mut client = get(&self.pool).await?;
+        let transaction = client.transaction().await?;
+        let lock = transaction
+            .prepare_cached("SELECT sequence FROM farm FOR UPDATE")
+            .await?;
+        if unsigned(transaction.query_one(&lock, &[]).await?.try_get(0)?) != expected {
+            transaction.rollback().await?;
+            return Ok(Commit::Behind);
+        }
+        let mut session = Session(&transaction);
+        for change in &changes {
+            apply(&mut session, change).await?;
+        }
+        let next = expected + 1;
+        let step = "WITH told AS (INSERT INTO change (sequence, changes) VALUES ($1, $2)),
+            stepped AS (UPDATE farm SET sequence = $1)
+            SELECT pg_notify('photonfarm', CAST($1 AS TEXT))";
+        let step = transaction.prepare_cached(step).await?;
+        transaction
+            .query_one(&step, &[&signed(next), &sql::to_json(&changes)?])
+            .await?;
+        if next.is_multiple_of(PRUNE_EVERY) {
+            let forgotten = signed(next.saturating_sub(REMEMBERED));
+            transaction
+                .execute("DELETE FROM change WHERE sequence <= $1", &[&forgotten])
+                .await?;
+        }
+        transaction.commit().await?;
+        Ok(Commit::Kept(next))
+    }
+
+    async fn news(&self, since: Sequence) -> Result<News, StoreError> {
+        let client = get(&self.pool).await?;
+        let query = "SELECT farm.sequence, change.changes FROM farm
+            LEFT JOIN change ON change.sequence > $1 ORDER BY change.sequence";
+        let query = client.prepare_cached(query).await?;
+        let rows = client.query(&query, &[&signed(since)]).await?;
+        let Some(first) = rows.first() else {
+            return Err(StoreError::Damaged("the table `farm` has no row".into()));
+        };
+        let sequence = unsigned(first.try_get(0)?);
+        let texts: Result<Vec<Option<String>>, _> = rows.iter().map(|row| row.try_get(1)).collect();
+        let texts: Vec<String> = texts?.into_iter().flatten().collect();
+        if since + texts.len() as u64 != sequence {
+            return Ok(News::Forgotten);
+        }
+        let changes: Result<Vec<Vec<Change>>, StoreError> = texts.iter().map(|text| sql::from_json(text)).collect();
+        Ok(News::Changes(sequence, changes?.concat()))
+    }
+
+    async fn wait_for_news(&self, since: Sequence) {
+        let mut heard = self.heard.clone();
+        let newer = heard.wait_for(|sequence| *sequence > since);
+        let _either = tokio::time::timeout(POLL, newer).await;
+    }
+
+    async fn share_beats(&self, heard: Vec<Beat>) -> Result<Vec<Beat>, StoreError> {
+        let client = get(&self.pool).await?;
+        if !heard.is_empty() {
+            let workers: Vec<i64> = heard.iter().map(|beat| signed(beat.worker.0)).collect();
+            let times: Vec<i64> = heard.iter().map(|beat| signed(beat.at_ms)).collect();
+            let leases: Result<Vec<String>, _> = heard.iter().map(|beat| sql::to_json(&beat.leases)).collect();
+            let upsert = "INSERT INTO beat (worker, at_ms, leases)
+                SELECT * FROM unnest(CAST($1 AS BIGINT[]), CAST($2 AS BIGINT[]), CAST($3 AS TEXT[]))
+                ON CONFLICT (worker) DO UPDATE SET at_ms = excluded.at_ms, leases = excluded.leases
+                WHERE beat.at_ms < excluded.at_ms";
+            let upsert = client.prepare_cached(upsert).await?;
+            client.execute(&upsert, &[&workers, &times, &leases?]).await?;
+        }
+        let seen = self.beats_seen_ms.load(Ordering::Relaxed);
+        let query = "SELECT worker, at_ms, leases FROM beat WHERE at_ms > $1";
+        let query = client.prepare_cached(query).await?;
+        let since = signed(seen.saturating_sub(BEAT_MARGIN));
+        let mut beats = Vec::new();
+        for row in client.query(&query, &[&since]).await? {
+            beats.push(Beat {
+                worker: WorkerId(unsigned(row.try_get(0)?)),
+                at_ms: unsigned(row.try_get(1)?),
+                leases: sql::from_json(row.try_get(2)?)?,
+            });
+        }
+        if let Some(newest) = beats.iter().map(|beat| beat.at_ms).max() {
+            self.beats_seen_ms.fetch_max(newest, Ordering::Relaxed);
+        }
+        Ok(beats)
+    }
+
+    async fn leads(&self) -> Result<bool, StoreError> {
+        let before = self.leader.lock().await.is_some();
+        let leads = self.try_lead().await?;
+        if leads && !before {
+            tracing::info!("this coordinator leads: it expires leases, merges nodes and removes garbage");
+            let client = get(&self.pool).await?;
+            let old =
+                "DELETE FROM beat WHERE at_ms < CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT) - $1";
+            client.execute(old, &[&BEAT_AGE]).await?;
+        }
+        Ok(leads)
+    }
+
+    fn is_shared(&self) -> bool {
+        true
+    }
+
+    fn clock_offset_ms(&self) -> i64 {
+        self.offset_ms
+    }
+
+    async fn close(&self) {
+        self.listener.abort();
+        drop(self.leader.lock().await.take().map(Object::take));
+        self.pool.close();
+    }
+
+    async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql::job(queries, id))).await
+    }
+
+    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql::jobs(queries, before, limit)))
+            .await
+    }
+
+    async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql::job_by_key(queries, key.clone())))
+            .await
+    }
+
+    async fn put_bundle(
+        &self,
+        hash: BlobHash,
+        manifest: BundleManifest,
+        owner: String,
+        most: u64,
+    ) -> Result<u64, StoreError> {
+        self.change(move |queries| {
+            Box::pin(async move { sql::put_bundle(queries, hash, &manifest, owner, most).await })
+        })
+        .await
+    }
+
+    async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
+        let jobs = "SELECT count(*) FILTER (WHERE ended_ms IS NULL), CAST(coalesce(sum(
+            CAST(CAST(coalesce(control, spec) AS JSON) ->> 'iterations' AS BIGINT)), 0) AS BIGINT)
+            FROM job WHERE owner = ?1";
+        self.ask(move |queries| Box::pin(sql::usage(queries, jobs, owner.clone())))
+            .await
+    }
+
+    async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
+        self.change(move |queries| Box::pin(async move { Ok((sql::put_token(queries, &token).await?, true)) }))
+            .await
+    }
+
+    async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
+        self.ask(|queries| Box::pin(sql::tokens(queries))).await
+    }
+
+    async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
+        self.change(move |queries| Box::pin(async move { Ok((sql::remove_token(queries, name).await?, true)) }))
+            .await
+    }
+
+    async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
+        self.ask(move |queries| Box::pin(sql::bundle(queries, hash))).await
+    }
+
+    async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
+        self.ask(move |queries| Box::pin(sql::bundled_size(queries, blob)))
+            .await
+    }
+
+    async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError> {
+        self.ask(|queries| Box::pin(sql::live_digests(queries))).await
+    }
+}

@@ -1,0 +1,126 @@
+//! The tables of a PostgreSQL database: made, migrated and checked at every start, by one coordinator at a time.
+
+use super::StoreError;
+use deadpool_postgres::{Object, Transaction};
+
+/// Names what is locked while tables are made.
+const SCHEMA: i64 = 0x5048_464d_0002;
+
+/// What makes each version of the schema from the one before; the first makes it from nothing.
+const MIGRATIONS: &[&str] = &[SCHEMA_1];
+
+const SCHEMA_1: &str = "
+CREATE TABLE farm (
+    singular BOOLEAN PRIMARY KEY DEFAULT true CHECK (singular), schema_version BIGINT NOT NULL, sequence BIGINT NOT NULL);
+INSERT INTO farm (schema_version, sequence) VALUES (1, 0);
+CREATE TABLE change (sequence BIGINT PRIMARY KEY, changes TEXT NOT NULL);
+CREATE TABLE beat (worker BIGINT PRIMARY KEY, at_ms BIGINT NOT NULL, leases TEXT NOT NULL);
+CREATE TABLE counter (name TEXT PRIMARY KEY, value BIGINT NOT NULL);
+CREATE TABLE worker (id BIGINT PRIMARY KEY, record TEXT NOT NULL, standing TEXT);
+CREATE TABLE bundle (hash BYTEA PRIMARY KEY, manifest TEXT NOT NULL);
+CREATE TABLE bundle_blob (blob BYTEA, bytes BIGINT, PRIMARY KEY (blob, bytes));
+CREATE TABLE owned_blob (owner TEXT, blob BYTEA, bytes BIGINT NOT NULL, PRIMARY KEY (owner, blob));
+CREATE TABLE token (name TEXT PRIMARY KEY, record TEXT NOT NULL);
+CREATE TABLE job (
+    id BIGINT PRIMARY KEY, spec TEXT NOT NULL, owner TEXT NOT NULL, key TEXT UNIQUE, created_ms BIGINT NOT NULL,
+    state TEXT NOT NULL, failure TEXT, ended_ms BIGINT, width BIGINT, height BIGINT, totals TEXT NOT NULL,
+    control TEXT, share_ms BIGINT NOT NULL DEFAULT 0);
+CREATE INDEX job_going_on ON job (id) WHERE ended_ms IS NULL;
+CREATE INDEX job_of_owner ON job (owner);
+CREATE TABLE node (
+    job BIGINT NOT NULL REFERENCES job, level BIGINT NOT NULL, place BIGINT NOT NULL, digest BYTEA NOT NULL,
+    live BIGINT NOT NULL, record TEXT NOT NULL, PRIMARY KEY (job, level, place));
+CREATE INDEX node_live ON node (job) WHERE live = 1;
+CREATE TABLE lease (
+    token BIGINT PRIMARY KEY, job BIGINT NOT NULL REFERENCES job, record TEXT NOT NULL,
+    until_ms BIGINT NOT NULL, restarts BIGINT NOT NULL);
+CREATE INDEX lease_of_job ON lease (job);
+CREATE TABLE failure (
+    number BIGINT GENERATED ALWAYS AS IDENTITY PRIMARY KEY, job BIGINT NOT NULL REFERENCES job, leaf BIGINT NOT NULL,
+    attempt TEXT NOT NULL);
+CREATE INDEX failure_of_job ON failure (job);
+";
+
+/// What each table has to have.
+const COLUMNS: &[(&str, &str)] = &[
+    ("farm", "schema_version sequence"),
+    ("change", "sequence changes"),
+    ("beat", "worker at_ms leases"),
+    ("counter", "name value"),
+    ("worker", "id record standing"),
+    ("bundle", "hash manifest"),
+    ("bundle_blob", "blob bytes"),
+    ("owned_blob", "owner blob bytes"),
+    ("token", "name record"),
+    (
+        "job",
+        "id spec owner key created_ms state failure ended_ms width height totals control share_ms",
+    ),
+    ("node", "job level place digest live record"),
+    ("lease", "token job record until_ms restarts"),
+    ("failure", "number job leaf attempt"),
+];
+
+/// Makes or migrates the tables, and checks that they are as they should be.
+pub(super) async fn prepare(client: &mut Object, place: &str) -> Result<(), StoreError> {
+    let transaction = client.transaction().await?;
+    transaction
+        .execute("SELECT pg_advisory_xact_lock($1)", &[&SCHEMA])
+        .await?;
+    let foreign = |reason: String| StoreError::Foreign {
+        place: place.into(),
+        reason,
+    };
+    let found = version(&transaction).await?.map_err(foreign)?;
+    let current = MIGRATIONS.len();
+    if found > current {
+        let reason = format!("made by a newer version: schema {found}, this program has {current}");
+        return Err(foreign(reason));
+    }
+    for migration in &MIGRATIONS[found..] {
+        transaction.batch_execute(migration).await?;
+    }
+    for (table, columns) in COLUMNS {
+        for column in columns.split(' ') {
+            let query = "SELECT 1 FROM information_schema.columns
+                WHERE table_schema = current_schema() AND table_name = $1 AND column_name = $2";
+            if transaction.query_opt(query, &[table, &column]).await?.is_none() {
+                let reason = format!("the tables are damaged: {table} has no column {column}");
+                return Err(foreign(reason));
+            }
+        }
+    }
+    let version = i64::try_from(current).unwrap_or_default();
+    transaction
+        .execute("UPDATE farm SET schema_version = $1", &[&version])
+        .await?;
+    Ok(transaction.commit().await?)
+}
+
+/// The version of the tables: 0 in an empty database; or why there is none.
+async fn version(transaction: &Transaction<'_>) -> Result<Result<usize, String>, StoreError> {
+    let query = "SELECT table_name FROM information_schema.tables WHERE table_schema = current_schema()";
+    let tables = transaction.query(query, &[]).await?;
+    let tables: Result<Vec<String>, _> = tables.iter().map(|row| row.try_get(0)).collect();
+    let tables = tables?;
+    if !tables.iter().any(|table| table == "farm") {
+        let ours = |table: &&String| COLUMNS.iter().any(|(name, _)| name == *table);
+        return Ok(match tables.iter().find(ours) {
+            Some(table) => Err(format!(
+                "a database of another program: it has a table {table}, and none named farm"
+            )),
+            None => Ok(0),
+        });
+    }
+    let query = "SELECT column_name FROM information_schema.columns
+        WHERE table_schema = current_schema() AND table_name = 'farm' AND column_name = 'schema_version'";
+    if transaction.query_opt(query, &[]).await?.is_none() {
+        return Ok(Err("a database of another program: its table farm is not ours".into()));
+    }
+    let versions = transaction.query("SELECT schema_version FROM farm", &[]).await?;
+    let [row] = versions.as_slice() else {
+        return Ok(Err(format!("the tables are damaged: farm has {} rows", versions.len())));
+    };
+    let version: i64 = row.try_get(0)?;
+    Ok(usize::try_from(version).map_err(|_| format!("the tables are damaged: schema {version}")))
+}

@@ -1,0 +1,112 @@
+//! Two coordinators of one farm, on PostgreSQL and an S3-compatible store, behind a load balancer: one of them is
+//! killed, and the picture is that of one process alone.
+
+use photonfarm_proto::job::{JobState, JobStatus};
+use photonfarm_test_servers::{Postgres, S3};
+use photonfarm_tests::processes::{Process, get, jobs, photonfarm, scene, serve_with, wait_for};
+use std::io::copy;
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+const ITERATIONS: u64 = 24;
+const JOB: [&str; 10] = [
+    "--iterations",
+    "24",
+    "--seed",
+    "11",
+    "-D",
+    "res=48",
+    "--set",
+    "samples=4",
+    "--integrator",
+    "pppm",
+];
+
+/// Passes connections on to servers in turn; one that does not answer is passed over. Lasts as long as the process.
+fn balance(servers: &[&str]) -> String {
+    let servers: Vec<String> = servers.iter().map(|url| url.replace("http://", "")).collect();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}", listener.local_addr().unwrap());
+    let turn = AtomicUsize::new(0);
+    std::thread::spawn(move || {
+        for client in listener.incoming().map_while(Result::ok) {
+            let first = turn.fetch_add(1, Ordering::Relaxed);
+            let order = (0..servers.len()).map(|offset| &servers[(first + offset) % servers.len()]);
+            if let Some(server) = order.filter_map(|address| TcpStream::connect(address).ok()).next() {
+                join(client, server);
+            }
+        }
+    });
+    url
+}
+
+/// Copies bytes both ways until either side ends.
+fn join(client: TcpStream, server: TcpStream) {
+    let (client, server) = (Arc::new(client), Arc::new(server));
+    for (from, to) in [(client.clone(), server.clone()), (server, client)] {
+        std::thread::spawn(move || {
+            let _cut = copy(&mut &*from, &mut &*to);
+            let _closed = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
+        });
+    }
+}
+
+fn job(url: &str) -> Option<JobStatus> {
+    jobs(url)?.into_iter().next()
+}
+
+#[test]
+fn two_coordinators_share_a_farm_and_one_may_be_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let scene = scene("environment.xml");
+    let scene = scene.to_str().unwrap();
+    let alone = path("alone.exr");
+    let output = photonfarm(&[["render", scene, "-o", &alone].as_slice(), &JOB].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+
+    let (postgres, s3) = (Postgres::start(), S3::start());
+    let (state, blobs) = (postgres.database(), s3.url("farm"));
+    let serve = || {
+        let stores = ["--state", &state, "--blobs", &blobs];
+        serve_with(
+            &s3.environment(),
+            &[["serve", "--listen", "127.0.0.1:0"].as_slice(), &stores].concat(),
+        )
+    };
+    let [(victim, first), (mut survivor, second)] = [serve(), serve()];
+    let url = balance(&[&first, &second]);
+    let cache = path("cache");
+    let worker = ["--coordinator", &url, "--threads", "1", "--cache", &cache];
+    let mut workers = [(); 3].map(|()| Process::start("photonfarm-worker", &worker));
+    let picture = path("farm.exr");
+    let submit = ["submit", scene, "--coordinator", &url, "--wait", "-o", &picture];
+    let submission = Process::start("photonfarm", &[submit.as_slice(), &JOB].concat());
+
+    let status = wait_for("some iterations", || {
+        job(&second).filter(|job| job.iterations_done >= 3)
+    });
+    assert!(
+        !status.state.ended(),
+        "the job was over before a coordinator could be killed"
+    );
+    victim.kill();
+    let (ended, _, errors) = submission.finish();
+    assert!(ended.success(), "{errors}");
+    let status = job(&second).unwrap();
+    assert_eq!((status.state, status.iterations_done), (JobState::Done, ITERATIONS));
+    assert_eq!(status.poisoned, []);
+    assert!(survivor.is_running() && workers.iter_mut().all(Process::is_running));
+    let [farm, alone] = [picture, alone].map(|path| std::fs::read(path).unwrap());
+    assert!(farm == alone, "the pictures differ");
+
+    let (again, third) = serve();
+    let same: JobStatus = get(&format!("{third}/v1/jobs/{}", status.id)).unwrap();
+    assert_eq!(
+        same.iterations_done, ITERATIONS,
+        "a coordinator that comes later knows all"
+    );
+    drop(again);
+    assert!(s3.file("farm/nodes").is_dir() && s3.file("farm/scenes").is_dir());
+}
