@@ -300,6 +300,9 @@ pub(crate) struct TokenPlace {
     /// Data folder of a farm that is not running
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
+    /// State of a farm, as `serve --state` has it; a database may be in use, a file may not
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_STATE", hide_env_values = true)]
+    pub(crate) state: Option<StatePlace>,
     /// A running farm's coordinator, such as http://127.0.0.1:7800
     #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
     pub(crate) coordinator: Option<String>,
@@ -384,6 +387,7 @@ mod tests {
             "photonfarm token create a --role submit --days 0.5 --most-jobs 1 --most-gigabytes 2 --data d",
             "photonfarm token list --coordinator http://localhost:1 --token-file t --ca c",
             "photonfarm token revoke a --data d",
+            "photonfarm token list --state postgres://farm@localhost/farm",
             "photonfarm serve --listen 127.0.0.1:0 --data d --verify 10",
             "photonfarm submit s.xml --coordinator http://localhost:1 --tag a=b --tag c --priority 3 --noise-target 0.1 --within 2h",
             "photonfarm jobs --coordinator http://localhost:1",

@@ -5,6 +5,7 @@ use crate::client::Client;
 use anyhow::{Context, Result, bail};
 use photonfarm_coordinator::Config;
 use photonfarm_coordinator::access::Tokens;
+use photonfarm_coordinator::store::StatePlace;
 use photonfarm_proto::token::{NewToken, Quota, TokenRequest, TokenStatus};
 
 /// Runs the command.
@@ -69,23 +70,28 @@ enum Place {
 
 impl Place {
     async fn open(place: &TokenPlace) -> Result<Self> {
-        match (&place.data, &place.coordinator) {
-            (Some(data), _) => {
-                let state = Config::new(data).state.open().await.with_context(|| {
-                    format!(
-                        "cannot use {}; while a coordinator runs on it, give --coordinator and an administrator's token",
-                        data.display()
-                    )
-                })?;
-                Ok(Self::State(Tokens::new(state)))
-            }
-            (None, Some(url)) => {
+        let given = place.data.as_ref().map(|data| Config::new(data).state);
+        match (given, &place.coordinator, &place.state) {
+            (Some(state), _, _) => Self::of(&state).await,
+            (None, Some(url), _) => {
                 let client = Client::new(url, place.credentials.load()?)?;
                 client.connect().await?;
                 Ok(Self::Farm(client))
             }
-            (None, None) => bail!("say where the farm is: --data DIR while it is stopped, or --coordinator URL"),
+            (None, None, Some(state)) => Self::of(state).await,
+            (None, None, None) => {
+                bail!("say where the farm is: --data DIR while it is stopped, --state URL, or --coordinator URL")
+            }
         }
+    }
+
+    async fn of(state: &StatePlace) -> Result<Self> {
+        let opened = state.open().await.with_context(|| {
+            format!(
+                "cannot use {state}; while a coordinator runs on it, give --coordinator and an administrator's token"
+            )
+        })?;
+        Ok(Self::State(Tokens::new(opened)))
     }
 
     async fn create(&self, request: TokenRequest) -> Result<NewToken> {

@@ -1,0 +1,48 @@
+//! `docs/CONFIGURATION.md` says what the programs say. With the variable UPDATE set, the test writes it.
+
+use photonfarm_tests::processes::program;
+use std::path::Path;
+use std::process::Command;
+
+const HEAD: &str = "# Configuration\n\n\
+    What the programs say of themselves (`--help`), written by `UPDATE=1 cargo test --release --test configuration`.\n\
+    Options that show `[env: NAME=]` can be given by that variable as well. `PHOTONFARM_TOKEN` holds a token where no file does;\n\
+    `RUST_LOG` chooses what the log tells.\n";
+
+/// Programs and subcommands.
+const COMMANDS: [(&str, &[&str]); 5] = [
+    ("photonfarm", &["serve"]),
+    ("photonfarm-worker", &[]),
+    ("photonfarm", &["submit"]),
+    ("photonfarm", &["render"]),
+    ("photonfarm", &["token", "create"]),
+];
+
+fn help(name: &str, arguments: &[&str]) -> String {
+    let mut command = Command::new(program(name));
+    for (variable, _) in std::env::vars().filter(|(name, _)| name.starts_with("PHOTONFARM_")) {
+        command.env_remove(variable);
+    }
+    let output = command.args(arguments).arg("--help").output().unwrap();
+    assert!(output.status.success(), "{name} {arguments:?}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines().map(|line| format!("{}\n", line.trim_end())).collect()
+}
+
+#[test]
+fn the_reference_is_that_of_the_programs() {
+    let mut page = HEAD.to_owned();
+    for (name, arguments) in COMMANDS {
+        let title = [&[name], arguments].concat().join(" ");
+        page += &format!("\n## {title}\n\n```text\n{}```\n", help(name, arguments));
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/CONFIGURATION.md");
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&path, &page).unwrap();
+    }
+    let written = std::fs::read_to_string(&path).unwrap();
+    assert!(
+        written == page,
+        "docs/CONFIGURATION.md is out of date: set UPDATE=1 and run this test again"
+    );
+}
