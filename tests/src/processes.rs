@@ -228,7 +228,16 @@ impl Coordinator {
     /// Where it does not say that it listens.
     #[must_use]
     pub fn start(data: &Path) -> Self {
-        let (process, url) = serve(data, "127.0.0.1:0", &[]);
+        Self::start_with(data, &[])
+    }
+
+    /// As [`start`](Self::start), with further options.
+    ///
+    /// # Panics
+    /// Where it does not say that it listens.
+    #[must_use]
+    pub fn start_with(data: &Path, more: &[&str]) -> Self {
+        let (process, url) = serve(data, "127.0.0.1:0", more);
         Self {
             process: Some(process),
             url,

@@ -1,0 +1,63 @@
+//! A worker that sends wrong bits, for tests: it renders as it should, then changes one pixel.
+//!
+//!     liar COORDINATOR NAME CACHE
+
+use photonfarm_core::integrator::{Iteration, Observer, RenderError};
+use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::job::BandwidthRange;
+use photonfarm_worker::{BundleFiles, CancellationToken, CoreRenderer, LoadedScene, Renderer, Worker, WorkerConfig};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+struct Lying;
+
+impl Renderer for Lying {
+    fn load(
+        &self,
+        files: &BundleFiles,
+        main: &str,
+        defines: &BTreeMap<String, String>,
+    ) -> Result<Arc<dyn LoadedScene>, String> {
+        Ok(Arc::new(LyingScene(CoreRenderer.load(files, main, defines)?)))
+    }
+}
+
+struct LyingScene(Arc<dyn LoadedScene>);
+
+impl LoadedScene for LyingScene {
+    fn resolution(&self) -> [u32; 2] {
+        self.0.resolution()
+    }
+
+    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange> {
+        self.0.bandwidth(settings, iteration)
+    }
+
+    fn render(
+        &self,
+        settings: &IntegratorSettings,
+        seed: u64,
+        iteration: u32,
+        observer: &dyn Observer,
+    ) -> Result<Iteration, RenderError> {
+        let mut rendered = self.0.render(settings, seed, iteration, observer)?;
+        rendered.pixels[0] = Spectrum::splat(0.5);
+        Ok(rendered)
+    }
+}
+
+#[tokio::main]
+async fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [coordinator, name, cache] = arguments.as_slice() else {
+        anyhow::bail!("usage: liar COORDINATOR NAME CACHE");
+    };
+    let config = WorkerConfig {
+        name: name.clone(),
+        threads: 1,
+        renderer: Arc::new(Lying),
+        ..WorkerConfig::new(coordinator, cache)
+    };
+    Ok(Worker::new(config)?.run(CancellationToken::new()).await?)
+}
