@@ -226,6 +226,7 @@ pub struct Coordinator {
     /// Where it answers, such as `http://127.0.0.1:7800`.
     pub url: String,
     data: PathBuf,
+    options: Vec<String>,
 }
 
 impl Coordinator {
@@ -249,6 +250,7 @@ impl Coordinator {
             process: Some(process),
             url,
             data: data.to_owned(),
+            options: more.iter().map(|option| (*option).to_owned()).collect(),
         }
     }
 
@@ -260,14 +262,15 @@ impl Coordinator {
         self.process.take().expect("the coordinator runs").kill();
     }
 
-    /// Starts it again, with the same folder, at the same address.
+    /// Starts it again, with the same folder and options, at the same address.
     ///
     /// # Panics
     /// Where it does not come back.
     pub fn restart(&mut self) {
         assert!(self.process.is_none(), "the coordinator runs");
         let address = self.url.trim_start_matches("http://").to_owned();
-        let (process, url) = serve(&self.data, &address, &[]);
+        let options: Vec<&str> = self.options.iter().map(String::as_str).collect();
+        let (process, url) = serve(&self.data, &address, &options);
         assert_eq!(url, self.url);
         self.process = Some(process);
     }
@@ -304,9 +307,19 @@ impl Coordinator {
     /// The most memory that it has used so far [bytes], where the system tells.
     #[must_use]
     pub fn peak_memory(&self) -> Option<u64> {
+        self.memory("VmHWM:")
+    }
+
+    /// The memory that it uses now [bytes], where the system tells.
+    #[must_use]
+    pub fn resident_memory(&self) -> Option<u64> {
+        self.memory("VmRSS:")
+    }
+
+    fn memory(&self, which: &str) -> Option<u64> {
         let id = self.process.as_ref()?.child.id();
         let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+        let line = status.lines().find_map(|line| line.strip_prefix(which))?;
         Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
     }
 
