@@ -5,12 +5,17 @@ use futures_util::StreamExt;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::BlobHash;
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
+use tempfile::NamedTempFile;
 use thiserror::Error;
+
+/// How the names of files begin that are being written.
+const PART: &str = ".part-";
 
 /// Why a bundle is not at hand.
 #[derive(Debug, Error)]
@@ -39,9 +44,11 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// Opens or makes a folder that holds at most about `limit` bytes besides the scene in use.
+    /// Opens or makes a folder that holds at most about `limit` bytes besides the scene in use. What workers were
+    /// writing when they were killed is removed.
     pub fn open(root: &Path, limit: u64) -> io::Result<Self> {
         std::fs::create_dir_all(root)?;
+        remove_abandoned(root)?;
         Ok(Self {
             root: root.to_owned(),
             limit,
@@ -52,10 +59,19 @@ impl Cache {
         self.root.join(hash.to_string())
     }
 
+    /// A file to be renamed once it is whole; whoever writes to it holds its lock.
+    fn part(&self) -> io::Result<NamedTempFile> {
+        let file = tempfile::Builder::new().prefix(PART).tempfile_in(&self.root)?;
+        if let Err(error) = file.as_file().lock() {
+            tracing::debug!(%error, "a file of the cache cannot be locked");
+        }
+        Ok(file)
+    }
+
     /// Keeps bytes; returns their hash.
     pub fn insert(&self, bytes: &[u8]) -> io::Result<BlobHash> {
         let hash = BlobHash::of(bytes);
-        let mut file = tempfile::NamedTempFile::new_in(&self.root)?;
+        let mut file = self.part()?;
         file.write_all(bytes)?;
         file.persist(self.path(hash)).map_err(|error| error.error)?;
         Ok(hash)
@@ -66,7 +82,7 @@ impl Cache {
         let mut wanted = BTreeSet::new();
         for (hash, bytes) in manifest.blobs() {
             wanted.insert(hash);
-            match std::fs::File::open(self.path(hash)) {
+            match File::open(self.path(hash)) {
                 Ok(file) => _ = file.set_modified(SystemTime::now()),
                 Err(_) => self.fetch_blob(client, hash, bytes).await?,
             }
@@ -82,7 +98,7 @@ impl Cache {
     async fn fetch_blob(&self, client: &Client, hash: BlobHash, bytes: u64) -> Result<(), CacheError> {
         tracing::debug!(%hash, bytes, "fetching a file");
         let mut stream = client.blob(hash, bytes).await?.bytes_stream();
-        let mut file = tempfile::NamedTempFile::new_in(&self.root)?;
+        let mut file = self.part()?;
         let mut hasher = blake3::Hasher::new();
         let mut received = 0;
         while let Some(piece) = stream.next().await {
@@ -125,6 +141,18 @@ impl Cache {
         }
         Ok(())
     }
+}
+
+/// Removes the parts that nobody writes to any more.
+fn remove_abandoned(root: &Path) -> io::Result<()> {
+    for entry in std::fs::read_dir(root)? {
+        let entry = entry?;
+        let is_part = entry.file_name().to_string_lossy().starts_with(PART);
+        if is_part && File::open(entry.path()).is_ok_and(|file| file.try_lock().is_ok()) {
+            std::fs::remove_file(entry.path()).or_else(ignore_missing)?;
+        }
+    }
+    Ok(())
 }
 
 fn ignore_missing(error: io::Error) -> io::Result<()> {
@@ -210,12 +238,24 @@ mod tests {
     }
 
     #[test]
+    fn what_killed_workers_were_writing_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::open(folder.path(), 100).unwrap();
+        let hash = cache.insert(b"scene").unwrap();
+        let live = cache.part().unwrap();
+        let dead = folder.path().join(format!("{PART}dead"));
+        std::fs::write(&dead, b"sce").unwrap();
+        Cache::open(folder.path(), 100).unwrap();
+        assert!(!dead.exists() && live.path().exists() && cache.path(hash).exists());
+    }
+
+    #[test]
     fn the_cache_keeps_its_bound_and_what_is_in_use() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::open(folder.path(), 25).unwrap();
         let hashes: Vec<BlobHash> = (0..4u8).map(|i| cache.insert(&[i; 10]).unwrap()).collect();
         for (age, hash) in hashes.iter().enumerate() {
-            let file = std::fs::File::options().write(true).open(cache.path(*hash)).unwrap();
+            let file = File::options().write(true).open(cache.path(*hash)).unwrap();
             file.set_modified(SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(age as u64))
                 .unwrap();
         }
