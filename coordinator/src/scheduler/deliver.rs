@@ -76,7 +76,7 @@ impl Job {
                 lease.record.node
             )));
         }
-        if let Some([width, height]) = self.resolution.filter(|fixed| *fixed != delivery.resolution) {
+        if let Some([width, height]) = self.resolution().filter(|fixed| *fixed != delivery.resolution) {
             let [w, h] = delivery.resolution;
             return Err(Refusal::Invalid(format!(
                 "an image of {w} x {h} for a job of {width} x {height}"

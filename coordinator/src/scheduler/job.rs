@@ -148,10 +148,10 @@ impl Job {
         self.live.values().map(|node| node.leaves()).sum()
     }
 
-    /// Pixels across and down, once the first node has fixed them.
+    /// Pixels across and down, which the first node fixes for as long as any node counts: it may be given up.
     #[must_use]
     pub fn resolution(&self) -> Option<[u32; 2]> {
-        self.resolution
+        self.resolution.filter(|_| !self.live.is_empty())
     }
 
     /// What the iterations in the image took.

@@ -41,7 +41,7 @@ impl Job {
             iterations_rendered: self.rendered(),
             poisoned: poisoned.collect(),
             failure: self.failure.clone(),
-            resolution: self.resolution,
+            resolution: self.resolution(),
             totals: self.totals(),
             iterations_per_second: self.pace.iterations_per_second(),
             workers: workers.len() as u32,

@@ -121,7 +121,26 @@ impl Job {
             record.digest = opinion.digest;
             record.verified = true;
             record.opinions.clear();
-            vec![Change::NodeJudged { job, node, record }]
+            match delivery
+                .map(|delivery| delivery.resolution)
+                .filter(|size| self.resolution() != Some(*size))
+            {
+                // It may have been the node that fixed the image size.
+                Some(resolution) => vec![
+                    Change::NodeLost {
+                        job,
+                        node,
+                        loss: Loss::Untrusted,
+                    },
+                    Change::NodeAdded {
+                        job,
+                        node,
+                        record,
+                        resolution,
+                    },
+                ],
+                None => vec![Change::NodeJudged { job, node, record }],
+            }
         };
         let over = self.verifiers(node).map(|lease| self.end_lease(lease.token));
         verdict.changes.extend(over);
