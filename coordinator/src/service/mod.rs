@@ -1,5 +1,6 @@
 //! The scheduler at work: decisions are committed, then applied, then answered.
 
+mod arrival;
 mod error;
 mod fold;
 mod garbage;
@@ -40,7 +41,7 @@ pub use photonfarm_proto::VERSION;
 const LONGEST_POLL: Duration = Duration::from_secs(30);
 /// How often a waiting worker is considered for a straggler's block.
 const POLL_STEP: Duration = Duration::from_secs(1);
-/// Node images held in memory at once by uploads.
+/// Node images held in memory at once that workers stored.
 const UPLOADS: usize = 4;
 /// Time between two searches for garbage.
 const SWEEP: Duration = Duration::from_secs(3600);

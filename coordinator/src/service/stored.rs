@@ -67,7 +67,7 @@ impl Service {
     }
 
     /// What would become of a delivery now.
-    async fn would_count(self: &Arc<Self>, upload: &NodeUpload) -> Result<Delivered, ServiceError> {
+    pub(super) async fn would_count(self: &Arc<Self>, upload: &NodeUpload) -> Result<Delivered, ServiceError> {
         let delivery = delivery(upload, true);
         let wanted = delivery.clone();
         let decide = move |farm: &crate::scheduler::Farm, now| {

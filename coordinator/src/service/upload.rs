@@ -1,23 +1,22 @@
 //! Nodes arrive: bytes first, then the row, then the acknowledgement.
 
+use super::arrival::{Arrival, too_short};
 use super::garbage::Garbage;
 use super::{Service, ServiceError};
 use crate::scheduler::{Delivered, Delivery, Job, Refusal};
-use crate::store;
+use crate::store::StagedBlob;
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt};
 use photonfarm_proto::codec;
-use photonfarm_proto::id::BlobHash;
-use photonfarm_proto::node::{self, NodeHeader};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{NodeUpload, UPLOAD_FRAME_BYTES};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Most bytes of memory taken before any of a body has arrived.
-const FIRST_ALLOCATION: u64 = 1 << 20;
 /// Longest wait for the next piece of a body.
 const LONGEST_STALL: Duration = Duration::from_secs(30);
+/// How long the rest of a body is read that does not matter.
+const LINGER: Duration = Duration::from_secs(2);
 
 impl Service {
     /// Receives a node: the framed announcement, then the planes.
@@ -38,24 +37,26 @@ impl Service {
         }
         let upload: NodeUpload = codec::decode(&body.take(length).await?)?;
         self.check_upload(&upload).await?;
-        let header = upload.header();
-        let _permit = self.uploads.acquire().await.map_err(|_| ServiceError::Stopping)?;
-        let bytes = body.take_node(&header).await?;
-        let digest = upload.digest;
-        let limits = self.limits.clone();
-        let check = move || -> Result<Vec<u8>, ServiceError> {
-            let found = BlobHash::of(&bytes);
-            if found != digest {
-                let detail = format!("the node's image has hash {found}, announced was {digest}");
-                return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());
-            }
-            node::decode_node(&bytes, &limits)?;
-            Ok(bytes)
-        };
-        let bytes = tokio::task::spawn_blocking(check)
-            .await
-            .map_err(|_| ServiceError::Stopping)??;
-        self.accept(upload, bytes).await
+        if let Some(answer) = self.foresee(&upload).await {
+            body.linger().await;
+            return answer;
+        }
+        let mut image = Arrival::begin(&*self.stores.nodes, &upload.header(), upload.digest).await?;
+        while let Some(piece) = body.next().await? {
+            image.take(&piece).await?;
+        }
+        self.accept(upload, image.end()??).await
+    }
+
+    /// What becomes of a node whatever its image is: it is known already, or refused. Nobody may take the
+    /// coordinator's time for an image that cannot count.
+    async fn foresee(self: &Arc<Self>, upload: &NodeUpload) -> Option<Result<Delivered, ServiceError>> {
+        let delivery = delivery(upload, false);
+        match self.would_count(upload).await {
+            Ok(Delivered::Duplicate) => Some(self.deliver(delivery).await),
+            Ok(_) => None,
+            refused => Some(self.after_delivery(&delivery, refused).await),
+        }
     }
 
     /// Refuses what cannot count before any of it is read.
@@ -72,12 +73,16 @@ impl Service {
         Ok(())
     }
 
-    async fn accept(self: &Arc<Self>, upload: NodeUpload, bytes: Vec<u8>) -> Result<Delivered, ServiceError> {
+    async fn accept(
+        self: &Arc<Self>,
+        upload: NodeUpload,
+        image: Box<dyn StagedBlob>,
+    ) -> Result<Delivered, ServiceError> {
         let delivery = delivery(&upload, false);
         let service = self.clone();
         let task = async move {
             let publishing = service.publishing.read().await;
-            store::put(&*service.stores.nodes, &bytes).await?;
+            image.publish().await?;
             let result = service.deliver(delivery.clone()).await;
             drop(publishing);
             service.after_delivery(&delivery, result).await
@@ -175,21 +180,10 @@ where
         Ok(bytes)
     }
 
-    /// Header and planes, with nothing after them.
-    async fn take_node(&mut self, header: &NodeHeader) -> Result<Vec<u8>, ServiceError> {
-        let expected = NodeHeader::BYTES as u64 + header.plane_bytes();
-        let mut bytes = Vec::with_capacity(expected.min(FIRST_ALLOCATION) as usize);
-        bytes.extend_from_slice(&header.to_bytes());
-        while let Some(piece) = self.next().await? {
-            if (bytes.len() + piece.len()) as u64 > expected {
-                return Err(Problem::new(ErrorCode::Malformed, "bytes follow the node's image").into());
-            }
-            bytes.extend_from_slice(&piece);
-        }
-        if bytes.len() as u64 != expected {
-            return Err(too_short());
-        }
-        Ok(bytes)
+    /// Reads on for a moment, so that the sender comes to read the answer.
+    async fn linger(&mut self) {
+        let rest = async { while let Ok(Some(_)) = self.next().await {} };
+        let _late = tokio::time::timeout(LINGER, rest).await;
     }
 }
 
@@ -206,8 +200,4 @@ where
         .map_err(stalled)?
         .transpose()
         .map_err(cut)?)
-}
-
-fn too_short() -> ServiceError {
-    Problem::new(ErrorCode::Malformed, "the body is shorter than its announcement says").into()
 }
