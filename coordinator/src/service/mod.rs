@@ -144,29 +144,31 @@ impl Service {
         }
         if service.take_lead().await? {
             service.remove_orphans().await?;
-            service.fold_all().await;
         }
         Ok(service)
     }
 
-    /// Runs the clockwork until the service stops.
+    /// Runs the clockwork until the service stops; first of all it merges what was left undone.
     pub async fn run(self: Arc<Self>, step: Duration) {
         let mut stopping = self.stopping.subscribe();
         let follower = tokio::spawn(self.clone().follow());
         let mut swept = Instant::now();
         loop {
+            let step = async {
+                if let Err(error) = self.tick().await {
+                    tracing::error!(%error, "leases could not be expired");
+                }
+                if self.leads() && swept.elapsed() > SWEEP {
+                    swept = Instant::now();
+                    if let Err(error) = self.remove_orphans().await {
+                        tracing::warn!(%error, "garbage is left for later");
+                    }
+                }
+                tokio::time::sleep(step).await;
+            };
             tokio::select! {
                 _ = stopping.wait_for(|stop| *stop) => break,
-                () = tokio::time::sleep(step) => {}
-            }
-            if let Err(error) = self.tick().await {
-                tracing::error!(%error, "leases could not be expired");
-            }
-            if self.leads() && swept.elapsed() > SWEEP {
-                swept = Instant::now();
-                if let Err(error) = self.remove_orphans().await {
-                    tracing::warn!(%error, "garbage is left for later");
-                }
+                () = step => {}
             }
         }
         follower.abort();

@@ -201,7 +201,7 @@ async fn a_lease_whose_commit_is_in_doubt_never_shares_its_token() {
 }
 
 #[tokio::test]
-async fn merges_left_undone_are_done_at_the_next_start() {
+async fn merges_left_undone_are_done_after_the_next_start() {
     let world = World::new(2).await;
     for _ in 0..2 {
         let folding = world.service.folding.lock().await;
@@ -214,6 +214,13 @@ async fn merges_left_undone_are_done_at_the_next_start() {
     }
     assert_eq!(world.service.status(world.job).await.unwrap().state, JobState::Running);
     let service = open(world.folder.path(), &world.state).await;
+    let running = tokio::spawn(service.clone().run(Duration::from_millis(10)));
+    let mut progress = service.progress();
+    while !service.status(world.job).await.unwrap().state.ended() {
+        progress.changed().await.unwrap();
+    }
+    service.stop();
+    running.await.unwrap();
     let status = service.status(world.job).await.unwrap();
     assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));
 }
