@@ -1,5 +1,6 @@
 //! What the tests that cross crates share.
 
+pub mod farm;
 pub mod fuzz;
 pub mod processes;
 pub mod statistics;

@@ -55,6 +55,48 @@ pub fn program(name: &str) -> PathBuf {
     folder.join(name).with_extension(std::env::consts::EXE_EXTENSION)
 }
 
+/// How a program is started: by another one that sets the scene for it, with further variables.
+#[derive(Clone, Debug, Default)]
+pub struct Launch {
+    /// A program and its arguments that become the program, such as `nsenter --net=FILE`; may be empty.
+    pub wrapper: Vec<String>,
+    /// Variables of the environment.
+    pub environment: Vec<(String, String)>,
+}
+
+impl Launch {
+    /// With variables alone.
+    #[must_use]
+    pub fn with(environment: &[(&str, String)]) -> Self {
+        let owned = |(name, value): &(&str, String)| ((*name).to_owned(), value.clone());
+        Self {
+            wrapper: Vec::new(),
+            environment: environment.iter().map(owned).collect(),
+        }
+    }
+
+    /// A program of the workspace, ready to be started; nothing of this process's environment steers it.
+    pub fn command<S: AsRef<OsStr>>(&self, name: &str, arguments: &[S]) -> Command {
+        let mut command = match self.wrapper.split_first() {
+            Some((wrapper, first)) => {
+                let mut command = Command::new(wrapper);
+                command.args(first).arg(program(name));
+                command
+            }
+            None => Command::new(program(name)),
+        };
+        command
+            .args(arguments)
+            .env_remove("RUST_LOG")
+            .env_remove("PHOTONFARM_COORDINATOR")
+            .env_remove("PHOTONFARM_TOKEN")
+            .env_remove("PHOTONFARM_TOKEN_FILE")
+            .env_remove("PHOTONFARM_CA")
+            .envs(self.environment.iter().map(|(name, value)| (name, value)));
+        command
+    }
+}
+
 /// A process that is killed when the test is over.
 #[derive(Debug)]
 pub struct Process {
@@ -93,7 +135,12 @@ impl Process {
         Self::spawn(command)
     }
 
-    fn spawn(mut command: Command) -> Self {
+    /// Starts a prepared program.
+    ///
+    /// # Panics
+    /// Where it cannot be started.
+    #[must_use]
+    pub fn spawn(mut command: Command) -> Self {
         command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -123,27 +170,36 @@ impl Process {
     /// # Panics
     /// After [`DEADLINE`].
     pub fn wait_for_error(&self, text: &str) {
-        wait_for(text, || {
-            self.errors
-                .lock()
-                .expect("no test panics here")
-                .contains(text)
-                .then_some(())
-        });
+        wait_for(text, || self.errors().contains(text).then_some(()));
     }
 
-    /// SIGKILL: the process gets no chance to tidy up.
+    /// Standard error so far.
+    ///
+    /// # Panics
+    /// Where its reader panicked.
+    #[must_use]
+    pub fn errors(&self) -> String {
+        self.errors.lock().expect("no test panics here").clone()
+    }
+
+    /// The most memory that it has used so far [bytes], where the system tells.
+    #[must_use]
+    pub fn peak_memory(&self) -> Option<u64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+        Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+    }
+
+    /// SIGKILL: the process gets no chance to tidy up. Returns what it wrote to standard error.
     ///
     /// # Panics
     /// Where the process has ended by itself.
-    pub fn kill(mut self) {
-        assert_eq!(
-            self.child.try_wait().expect("the process can be asked"),
-            None,
-            "the process ended by itself"
-        );
+    pub fn kill(mut self) -> String {
+        let ended = self.child.try_wait().expect("the process can be asked");
+        assert_eq!(ended, None, "the process ended by itself:\n{}", self.errors());
         self.child.kill().expect("the process can be killed");
         self.child.wait().expect("the process can be awaited");
+        self.errors()
     }
 
     /// Sends a signal by its name, such as `TERM`.
@@ -208,15 +264,7 @@ pub fn photonfarm<S: AsRef<OsStr>>(arguments: &[S]) -> Output {
 }
 
 fn command<S: AsRef<OsStr>>(name: &str, arguments: &[S]) -> Command {
-    let mut command = Command::new(program(name));
-    command
-        .args(arguments)
-        .env_remove("RUST_LOG")
-        .env_remove("PHOTONFARM_COORDINATOR")
-        .env_remove("PHOTONFARM_TOKEN")
-        .env_remove("PHOTONFARM_TOKEN_FILE")
-        .env_remove("PHOTONFARM_CA");
-    command
+    Launch::default().command(name, arguments)
 }
 
 /// A coordinator on the loopback interface.
@@ -307,20 +355,7 @@ impl Coordinator {
     /// The most memory that it has used so far [bytes], where the system tells.
     #[must_use]
     pub fn peak_memory(&self) -> Option<u64> {
-        self.memory("VmHWM:")
-    }
-
-    /// The memory that it uses now [bytes], where the system tells.
-    #[must_use]
-    pub fn resident_memory(&self) -> Option<u64> {
-        self.memory("VmRSS:")
-    }
-
-    fn memory(&self, which: &str) -> Option<u64> {
-        let id = self.process.as_ref()?.child.id();
-        let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
-        let line = status.lines().find_map(|line| line.strip_prefix(which))?;
-        Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+        self.process.as_ref()?.peak_memory()
     }
 
     /// Whether it runs.
@@ -348,14 +383,30 @@ pub fn serve(data: &Path, address: &str, more: &[&str]) -> (Process, String) {
 /// Where it does not say that it listens.
 #[must_use]
 pub fn serve_with(environment: &[(&str, String)], arguments: &[&str]) -> (Process, String) {
-    let mut process = Process::start_with(environment, "photonfarm", arguments);
+    serve_command(Launch::with(environment).command("photonfarm", arguments))
+}
+
+/// As [`serve_with`], of a prepared program.
+///
+/// # Panics
+/// Where it does not say that it listens.
+#[must_use]
+pub fn serve_command(command: Command) -> (Process, String) {
+    try_to_serve(command).unwrap_or_else(|(status, errors)| panic!("serve ended with {status}: {errors}"))
+}
+
+/// Starts a coordinator that may be unable to serve; then its status and its standard error come back.
+pub fn try_to_serve(command: Command) -> Result<(Process, String), (ExitStatus, String)> {
+    let mut process = Process::spawn(command);
     let mut lines = BufReader::new(process.child.stdout.take().expect("piped")).lines();
     let line = lines.next().and_then(Result::ok).unwrap_or_default();
-    let Some(url) = line.strip_prefix("listening on ") else {
-        let (status, _, errors) = process.finish();
-        panic!("serve ended with {status} after `{line}`: {errors}");
-    };
-    (process, url.to_owned())
+    match line.strip_prefix("listening on ") {
+        Some(url) => Ok((process, url.to_owned())),
+        None => {
+            let (status, _, errors) = process.finish();
+            Err((status, errors))
+        }
+    }
 }
 
 /// Asks again and again until there is an answer.
@@ -373,8 +424,8 @@ pub fn wait_for<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// Between two questions; correctness never depends on its length.
-fn pause() {
+/// Waits a moment between two questions; correctness never depends on its length.
+pub fn pause() {
     std::thread::sleep(Duration::from_millis(5));
 }
 
@@ -393,22 +444,30 @@ pub fn jobs(url: &str) -> Option<Vec<JobStatus>> {
     get::<photonfarm_proto::api::JobPage>(&format!("{url}/v1/jobs")).map(|page| page.jobs)
 }
 
-/// Sends a request; nothing where no answer comes.
+/// Sends a request; nothing where no answer comes. Its connection belongs to the calling thread, and so to that
+/// thread's network.
 ///
 /// # Panics
 /// Where no runtime can be made.
 pub fn http(method: reqwest::Method, url: &str, body: Vec<u8>, headers: &[(&str, &str)]) -> Option<(u16, Vec<u8>)> {
-    static RUNTIME: OnceLock<tokio::runtime::Runtime> = OnceLock::new();
-    static CLIENT: OnceLock<reqwest::Client> = OnceLock::new();
-    let runtime = RUNTIME.get_or_init(|| tokio::runtime::Runtime::new().expect("a runtime"));
-    let client = CLIENT.get_or_init(|| reqwest::Client::builder().no_proxy().build().expect("a client"));
-    let mut request = client.request(method, url).body(body).timeout(DEADLINE);
-    for (name, value) in headers {
-        request = request.header(*name, *value);
+    thread_local! {
+        static CLIENT: (tokio::runtime::Runtime, reqwest::Client) = (
+            tokio::runtime::Builder::new_current_thread()
+                .enable_all()
+                .build()
+                .expect("a runtime"),
+            reqwest::Client::builder().no_proxy().build().expect("a client"),
+        );
     }
-    runtime.block_on(async {
-        let response = request.send().await.ok()?;
-        let status = response.status().as_u16();
-        Some((status, response.bytes().await.ok()?.into()))
+    CLIENT.with(|(runtime, client)| {
+        let mut request = client.request(method, url).body(body).timeout(DEADLINE);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        runtime.block_on(async {
+            let response = request.send().await.ok()?;
+            let status = response.status().as_u16();
+            Some((status, response.bytes().await.ok()?.into()))
+        })
     })
 }

@@ -3,11 +3,8 @@
 
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_test_servers::{Postgres, S3};
+use photonfarm_tests::farm::balance;
 use photonfarm_tests::processes::{Process, get, jobs, photonfarm, scene, serve_with, wait_for};
-use std::io::copy;
-use std::net::{Shutdown, TcpListener, TcpStream};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 const ITERATIONS: u64 = 24;
 const JOB: [&str; 10] = [
@@ -22,35 +19,6 @@ const JOB: [&str; 10] = [
     "--integrator",
     "pppm",
 ];
-
-/// Passes connections on to servers in turn; one that does not answer is passed over. Lasts as long as the process.
-fn balance(servers: &[&str]) -> String {
-    let servers: Vec<String> = servers.iter().map(|url| url.replace("http://", "")).collect();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let url = format!("http://{}", listener.local_addr().unwrap());
-    let turn = AtomicUsize::new(0);
-    std::thread::spawn(move || {
-        for client in listener.incoming().map_while(Result::ok) {
-            let first = turn.fetch_add(1, Ordering::Relaxed);
-            let order = (0..servers.len()).map(|offset| &servers[(first + offset) % servers.len()]);
-            if let Some(server) = order.filter_map(|address| TcpStream::connect(address).ok()).next() {
-                join(client, server);
-            }
-        }
-    });
-    url
-}
-
-/// Copies bytes both ways until either side ends.
-fn join(client: TcpStream, server: TcpStream) {
-    let (client, server) = (Arc::new(client), Arc::new(server));
-    for (from, to) in [(client.clone(), server.clone()), (server, client)] {
-        std::thread::spawn(move || {
-            let _cut = copy(&mut &*from, &mut &*to);
-            let _closed = (from.shutdown(Shutdown::Both), to.shutdown(Shutdown::Both));
-        });
-    }
-}
 
 fn job(url: &str) -> Option<JobStatus> {
     jobs(url)?.into_iter().next()

@@ -106,10 +106,19 @@ impl Postgres {
     /// # Panics
     /// Where it does not start.
     pub fn resume(&self) {
+        self.resume_with(&[]);
+    }
+
+    /// Starts the cluster where it was stopped, with variables such as those that make its clock wrong.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    pub fn resume_with(&self, environment: &[(String, String)]) {
         let folder = self.folder.to_str().expect("a UTF-8 path");
         let options = format!("-k {folder} -c listen_addresses= -c fsync=off -c max_connections=200");
         let (data, log) = (self.data(), format!("{folder}/log"));
-        self.run("pg_ctl", &["-D", &data, "-w", "-l", &log, "-o", &options, "start"]);
+        let start = ["-D", &data, "-w", "-l", &log, "-o", &options, "start"];
+        self.run_with(environment, "pg_ctl", &start);
     }
 
     fn data(&self) -> String {
@@ -117,7 +126,11 @@ impl Postgres {
     }
 
     fn run(&self, program: &str, arguments: &[&str]) {
-        let mut command = command(&self.programs.join(program), self.owner);
+        self.run_with(&[], program, arguments);
+    }
+
+    fn run_with(&self, environment: &[(String, String)], program: &str, arguments: &[&str]) {
+        let mut command = command(&self.programs.join(program), self.owner, environment);
         // A server that goes on must not keep a pipe of this process open.
         let log = fs::File::create(self.folder.join("last")).expect("a file for the output");
         let errors = log.try_clone().expect("the file once more");
@@ -169,22 +182,27 @@ fn unprivileged() -> (u32, u32) {
         .expect("a user `postgres` or `nobody`")
 }
 
-fn command(program: &Path, owner: Option<(u32, u32)>) -> Command {
+/// The variables are those of the program alone, not of the one that gives up the rights of root.
+fn command(program: &Path, owner: Option<(u32, u32)>, environment: &[(String, String)]) -> Command {
+    let variables = environment.iter().map(|(name, value)| format!("{name}={value}"));
     let Some((user, group)) = owner else {
-        return Command::new(program);
+        let mut command = Command::new("env");
+        command.args(variables).arg(program);
+        return command;
     };
     let mut command = Command::new("setpriv");
     command.args([
         format!("--reuid={user}"),
         format!("--regid={group}"),
         "--clear-groups".into(),
+        "env".into(),
     ]);
-    command.arg(program);
+    command.args(variables).arg(program);
     command
 }
 
 fn reaper(programs: &Path, folder: &Path, owner: Option<(u32, u32)>) -> Child {
-    let stop = command(&programs.join("pg_ctl"), owner);
+    let stop = command(&programs.join("pg_ctl"), owner, &[]);
     let script = "folder=$1; shift; cat; cd \"$folder\" && \"$@\"; cd / && rm -rf \"$folder\"";
     let mut command = Command::new("sh");
     command.args(["-c", script, "reaper"]).arg(folder);

@@ -1,5 +1,4 @@
-//! A farm of real processes that are killed, and whose messages arrive twice, makes the same picture as one process
-//! with one thread.
+//! Messages that arrive twice, and a scene that cannot be rendered.
 
 use axum::body::{Body, Bytes, to_bytes};
 use axum::extract::{Request, State};
@@ -85,35 +84,6 @@ fn assert_same_picture(farm: &[u8], alone: &[u8]) {
     assert_eq!(farm_picture.metadata, alone_picture.metadata);
     assert!(bits(&farm_picture) == bits(&alone_picture), "pixels differ");
     assert!(farm == alone, "the pixels are the same, but the files differ");
-}
-
-#[test]
-fn kills_of_a_worker_and_of_the_coordinator_leave_no_trace_in_the_picture() {
-    let folder = tempfile::tempdir().unwrap();
-    let reference = alone(folder.path(), "pcf");
-    let mut coordinator = Coordinator::start(&folder.path().join("farm"));
-    let [victim, mut second, mut third] = [(); 3].map(|()| coordinator.worker());
-    let path = folder.path().join("farm.exr");
-    let submission = submit(&coordinator.url, &path, "pcf");
-
-    let job = when(&coordinator.url, "all workers to be at work", |job| job.workers == 3);
-    assert!(!job.state.ended());
-    victim.kill();
-    let job = when(&coordinator.url, "some iterations", |job| job.iterations_done >= 2);
-    assert!(
-        job.iterations_done < ITERATIONS,
-        "the job was over before the coordinator could be killed"
-    );
-    coordinator.kill();
-    coordinator.restart();
-
-    let (status, number, errors) = submission.finish();
-    assert!(status.success(), "{errors}");
-    let job = when(&coordinator.url, "the job's end", |job| job.state.ended());
-    assert_eq!(job.iterations_done, ITERATIONS);
-    assert_eq!(number.trim(), job.id.to_string());
-    assert!(second.is_running() && third.is_running(), "a worker ended by itself");
-    assert_same_picture(&std::fs::read(path).unwrap(), &reference);
 }
 
 /// Passes requests on; what brings a node's image is sent twice.
