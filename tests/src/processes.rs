@@ -185,8 +185,18 @@ impl Process {
     /// The most memory that it has used so far [bytes], where the system tells.
     #[must_use]
     pub fn peak_memory(&self) -> Option<u64> {
+        self.memory("VmHWM:")
+    }
+
+    /// The memory that it uses now [bytes], where the system tells.
+    #[must_use]
+    pub fn resident_memory(&self) -> Option<u64> {
+        self.memory("VmRSS:")
+    }
+
+    fn memory(&self, which: &str) -> Option<u64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+        let line = status.lines().find_map(|line| line.strip_prefix(which))?;
         Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
     }
 
@@ -356,6 +366,12 @@ impl Coordinator {
     #[must_use]
     pub fn peak_memory(&self) -> Option<u64> {
         self.process.as_ref()?.peak_memory()
+    }
+
+    /// The memory that it uses now [bytes], where the system tells.
+    #[must_use]
+    pub fn resident_memory(&self) -> Option<u64> {
+        self.process.as_ref()?.resident_memory()
     }
 
     /// Whether it runs.
