@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long a fault lasts that no lease must end of.
-const SHORT: Duration = Duration::from_secs(12);
+const SHORT: Duration = Duration::from_secs(8);
 
 fn job(iterations: u32) -> Arc<Reference> {
     let job = Job {
@@ -46,7 +46,6 @@ fn wait_for_work(farm: &Farm, job: JobId) {
     assert!(!status.state.ended(), "the job was over before anything happened to it");
 }
 
-#[test]
 fn short_cuts_and_half_open_connections_cost_no_lease() {
     let network = Network::new(2);
     let (coordinators, workers) = network.centre.inside(|| {
@@ -73,7 +72,6 @@ fn short_cuts_and_half_open_connections_cost_no_lease() {
     assert_eq!(workers.matches("registered").count(), 2, "a worker gave up: {workers}");
 }
 
-#[test]
 fn a_cut_longer_than_a_lease_costs_the_lease_and_nothing_else() {
     let network = Network::new(1);
     let (coordinators, workers) = network.centre.inside(|| {
@@ -98,7 +96,6 @@ fn a_cut_longer_than_a_lease_costs_the_lease_and_nothing_else() {
     );
 }
 
-#[test]
 fn a_host_that_vanishes_leaves_its_work_to_others() {
     let network = Network::new(2);
     network.centre.inside(|| {
@@ -116,7 +113,6 @@ fn a_host_that_vanishes_leaves_its_work_to_others() {
     });
 }
 
-#[test]
 fn lossy_and_slow_links_slow_a_job_and_no_more() {
     let network = Network::new(3);
     let [lossy, lossier, slow] = network.hosts.as_slice() else {
@@ -133,4 +129,16 @@ fn lossy_and_slow_links_slow_a_job_and_no_more() {
         farm.settle()
     });
     println!("registered {} times", workers.matches("registered").count());
+}
+
+/// The tests of this module spend their time waiting: they do so side by side.
+#[test]
+fn networks_fail_and_farms_go_on() {
+    let tests = [
+        short_cuts_and_half_open_connections_cost_no_lease,
+        a_cut_longer_than_a_lease_costs_the_lease_and_nothing_else,
+        a_host_that_vanishes_leaves_its_work_to_others,
+        lossy_and_slow_links_slow_a_job_and_no_more,
+    ];
+    std::thread::scope(|scope| tests.iter().for_each(|test| drop(scope.spawn(test))));
 }

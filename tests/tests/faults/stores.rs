@@ -18,7 +18,6 @@ fn job() -> Arc<Reference> {
     job.alone()
 }
 
-#[test]
 fn postgresql_is_restarted_during_a_job() {
     let (postgres, s3) = (Postgres::start(), S3::start());
     let mut farm = Farm::on(&Stores::shared(&postgres, &s3), 2);
@@ -42,7 +41,6 @@ fn postgresql_is_restarted_during_a_job() {
     assert!(coordinators.contains("the database failed") || coordinators.contains("no connection to the database"));
 }
 
-#[test]
 fn the_object_store_is_away_for_a_minute() {
     let (postgres, mut s3) = (Postgres::start(), S3::start());
     let mut farm = Farm::on(&Stores::shared(&postgres, &s3), 2);
@@ -57,4 +55,13 @@ fn the_object_store_is_away_for_a_minute() {
     let (coordinators, workers) = farm.settle_after(|_| hours_later(&postgres));
     assert!(coordinators.contains("the object store failed"), "{coordinators}");
     assert_eq!(workers.matches("registered").count(), 2, "a worker gave up: {workers}");
+}
+
+/// The tests of this module spend their time waiting: they do so side by side.
+#[test]
+fn stores_go_away_and_come_back() {
+    std::thread::scope(|scope| {
+        scope.spawn(postgresql_is_restarted_during_a_job);
+        scope.spawn(the_object_store_is_away_for_a_minute);
+    });
 }
