@@ -105,6 +105,15 @@ pub(crate) async fn deliver(client: &Client, held: &Held, parcel: Parcel, stop: 
     held.remove(lease.token);
 }
 
+/// Whether the lease of a node was lost, so that nobody wants it any more.
+fn is_void(upload: &Upload, state: &LeaseState) -> bool {
+    if state.is_lost() {
+        let NodeUpload { job, node, token, .. } = upload.announced;
+        tracing::info!(%job, %node, %token, "the lease is lost: its work is void");
+    }
+    state.is_lost()
+}
+
 async fn deliver_node(
     client: &Client,
     upload: &Upload,
@@ -114,7 +123,7 @@ async fn deliver_node(
 ) -> Result<(), ClientError> {
     let mut backoff = Backoff::default();
     for attempt in 1.. {
-        if state.is_lost() {
+        if is_void(upload, state) {
             return Ok(());
         }
         let sent = if stores {
@@ -147,7 +156,7 @@ async fn send(
     body.extend_from_slice(&upload.image[node::NodeHeader::BYTES..]);
     let request = client.post("worker/nodes", body, Duration::ZERO)?;
     retry(stop, || async {
-        if state.is_lost() {
+        if is_void(upload, state) {
             return Ok(());
         }
         client.send::<NodeReply>(&request).await.map(drop)
@@ -165,7 +174,7 @@ async fn store(
 ) -> Result<(), ClientError> {
     let announced = &upload.announced;
     retry(stop, || async {
-        if state.is_lost() {
+        if is_void(upload, state) {
             return Ok(());
         }
         match client.call("worker/nodes/place", announced, Duration::ZERO).await? {
