@@ -1,10 +1,10 @@
 //! Farms of real processes to which things happen: after each fault the picture is that of one process with one
 //! thread, the books balance, nothing is left behind, and the logs say what happened.
 
+mod absence;
 mod clock;
 mod deliveries;
 mod disk;
 mod hostile;
 mod kills;
 mod network;
-mod stores;
