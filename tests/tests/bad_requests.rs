@@ -141,6 +141,13 @@ fn broken_json() {
             target.refused_json(path, body);
         }
     }
+    let mut job = valid_job();
+    job["schedule"] = json!([10, false, null, null, []]);
+    let problem = target.refused_json("/v1/jobs", job.to_string().as_bytes());
+    assert_eq!((problem.code, problem.field.as_deref()), (ErrorCode::Invalid, Some("schedule")));
+    let file = json!({"files": {"a": [BlobHash::of(b"").to_string(), 0]}});
+    let problem = target.refused_json("/v1/bundles", file.to_string().as_bytes());
+    assert_eq!(problem.field.as_deref(), Some("files.a"));
     let problem = target.refused(Method::POST, "/v1/jobs", "text/plain", valid.as_bytes());
     assert_eq!(problem.code, ErrorCode::UnsupportedMediaType);
     target.finish();
@@ -391,16 +398,9 @@ fn uploads_that_must_not_count() {
     let body = |upload: &NodeUpload, planes: &[u8]| [frame_upload(upload).unwrap(), planes.to_vec()].concat();
     let good_planes = planes(job, &good);
 
-    let mut bad_pixel = good.clone();
-    bad_pixel.sum[3] = f32::NAN;
-    let of_bad_pixel = NodeUpload {
-        digest: BlobHash::of(&encode_node(job, &bad_pixel)),
-        ..valid.clone()
-    };
     let mut bad_totals = valid.clone();
     bad_totals.totals.seconds.other = f64::NAN;
     for (what, body) in [
-        ("a NaN", body(&of_bad_pixel, &planes(job, &bad_pixel))),
         ("no planes", body(&valid, b"")),
         ("short planes", body(&valid, &good_planes[..good_planes.len() - 1])),
         ("long planes", body(&valid, &[good_planes.as_slice(), &[0]].concat())),
@@ -500,6 +500,20 @@ fn uploads_that_must_not_count() {
     };
     let problem = target.refused_message("/v1/worker/nodes", &body(&conflict, &planes(job, &other)));
     assert_eq!(problem.code, ErrorCode::ResultConflict);
+
+    let LeaseReply { assignment } = target.ask("/v1/worker/lease", &request);
+    let lease = assignment.unwrap().lease;
+    let mut bad_pixel = Node::leaf(lease.node.index, 2, 2, &[Spectrum::splat(0.5); 4]).unwrap();
+    bad_pixel.sum[3] = f32::NAN;
+    let of_bad_pixel = NodeUpload {
+        digest: BlobHash::of(&encode_node(job, &bad_pixel)),
+        ..upload(worker, lease.token, job, lease.node)
+    };
+    let of_bad_pixel = body(&of_bad_pixel, &planes(job, &bad_pixel));
+    for code in [ErrorCode::Invalid, ErrorCode::StaleLease] {
+        let problem = target.refused_message("/v1/worker/nodes", &of_bad_pixel);
+        assert_eq!(problem.code, code, "a failure ends the lease");
+    }
     target.finish();
 }
 

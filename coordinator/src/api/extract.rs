@@ -8,13 +8,15 @@ use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use photonfarm_proto::codec::{self, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::str::FromStr;
 
 /// A JSON body.
 pub(super) struct JsonBody<T>(pub(super) T);
 
-impl<T: DeserializeOwned> FromRequest<App> for JsonBody<T> {
+impl<T: DeserializeOwned + Serialize> FromRequest<App> for JsonBody<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, service: &App) -> Result<Self, ApiError> {
@@ -29,7 +31,37 @@ impl<T: DeserializeOwned> FromRequest<App> for JsonBody<T> {
         deserializer
             .end()
             .map_err(|error| json_problem(&error).at(".", Some(error.line() as u64)))?;
+        let (given, read) = (serde_json::from_slice(&bytes), serde_json::to_value(&value));
+        if let (Ok(given), Ok(read)) = (given, read)
+            && let Some(path) = array_for_object(&given, &read)
+        {
+            let detail = "invalid type: an array, expected an object";
+            return Err(Problem::new(ErrorCode::Invalid, detail).at(path, None).into());
+        }
         Ok(Self(value))
+    }
+}
+
+/// Where an array was read as an object: derived code reads a struct from an array of its fields as well, which no
+/// schema says.
+fn array_for_object(given: &Value, read: &Value) -> Option<String> {
+    let within = |name: &str, given: &Value, read: &Value| {
+        array_for_object(given, read).map(|path| match path.as_str() {
+            "." => name.to_owned(),
+            inner => format!("{name}.{inner}"),
+        })
+    };
+    match (given, read) {
+        (Value::Array(_), Value::Object(_)) => Some(".".to_owned()),
+        (Value::Object(given), Value::Object(read)) => given
+            .iter()
+            .find_map(|(name, given)| within(name, given, read.get(name)?)),
+        (Value::Array(given), Value::Array(read)) => given
+            .iter()
+            .zip(read)
+            .enumerate()
+            .find_map(|(index, (given, read))| within(&index.to_string(), given, read)),
+        _ => None,
     }
 }
 

@@ -15,6 +15,7 @@ mod stored;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod workers;
 
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture};
@@ -22,14 +23,9 @@ pub use image::{ImageFormat, Picture};
 use crate::scheduler::record::{Change, LeaseRecord, Loss, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
-use photonfarm_proto::api::WorkerStatus;
-use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
-use photonfarm_proto::job::{Attempt, FailureKind, JobStatus};
+use photonfarm_proto::id::JobId;
+use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
-use photonfarm_proto::problem::{ErrorCode, Problem};
-use photonfarm_proto::schedule::check_tags;
-use photonfarm_proto::version_of;
-use photonfarm_proto::worker::{Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, Register, Release};
 use std::hash::{BuildHasher, RandomState};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -37,10 +33,6 @@ use tokio::sync::{Mutex, RwLock, Semaphore, watch};
 
 pub use photonfarm_proto::VERSION;
 
-/// Longest wait for a lease in one request.
-const LONGEST_POLL: Duration = Duration::from_secs(30);
-/// How often a waiting worker is considered for a straggler's block.
-const POLL_STEP: Duration = Duration::from_secs(1);
 /// Node images held in memory at once that workers stored.
 const UPLOADS: usize = 4;
 /// Time between two searches for garbage.
@@ -311,164 +303,6 @@ impl Service {
         if changes.iter().any(makes_work) {
             self.work.send_modify(|version| *version += 1);
         }
-    }
-
-    /// A worker introduces itself.
-    pub async fn register(self: &Arc<Self>, register: Register) -> Result<WorkerId, ServiceError> {
-        let version = version_of(&register.renderer);
-        if version != VERSION {
-            let detail = format!("the worker has version {version}, this farm {VERSION}");
-            return Err(Problem::new(ErrorCode::VersionMismatch, detail).into());
-        }
-        if register.name.len() > 255 || register.renderer.len() > 255 {
-            return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
-        }
-        check_tags(&register.tags, "tags")?;
-        self.transact(move |farm, now| Ok(farm.register(register.clone(), now)))
-            .await
-    }
-
-    /// Time between heartbeats that workers are told.
-    pub async fn heartbeat_ms(self: &Arc<Self>) -> Millis {
-        (self.farm.lock().await.farm.config().lease_ttl_ms / 5).max(20)
-    }
-
-    /// A worker asks for work and waits for it.
-    pub async fn lease(self: &Arc<Self>, request: LeaseRequest) -> Result<Option<Assignment>, ServiceError> {
-        let deadline = Instant::now() + Duration::from_millis(request.wait_ms).min(LONGEST_POLL);
-        let mut work = self.work.subscribe();
-        let mut stopping = self.stopping();
-        let worker = request.worker;
-        loop {
-            work.mark_unchanged();
-            let now = self.clock.now();
-            self.hear(worker, now).await?;
-            let held = request.held.clone();
-            let decide = move |farm: &Farm, now| {
-                let decision = farm.lease(worker, &held, now)?;
-                let orphaned = !decision.changes.is_empty() && decision.reply.is_none();
-                Ok(Decision {
-                    reply: (decision.reply, orphaned),
-                    changes: decision.changes,
-                })
-            };
-            match self.transact(decide).await? {
-                (Some(lease), _) => return self.assignment(&lease).await,
-                (None, true) => continue,
-                (None, false) => {}
-            }
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() || *stopping.borrow() {
-                return Ok(None);
-            }
-            tokio::select! {
-                _ = work.changed() => {}
-                _ = stopping.changed() => {}
-                () = tokio::time::sleep(left.min(POLL_STEP)) => {}
-            }
-        }
-    }
-
-    /// The work of a lease; none if its job has ended meanwhile.
-    async fn assignment(self: &Arc<Self>, record: &LeaseRecord) -> Result<Option<Assignment>, ServiceError> {
-        let cell = self.fresh_farm().await?;
-        let expires_in_ms = cell.farm.config().lease_ttl_ms;
-        let LeaseRecord {
-            token,
-            job,
-            node,
-            worker,
-            attempt,
-            ..
-        } = *record;
-        let lease = Lease {
-            token,
-            job,
-            node,
-            worker,
-            attempt,
-            expires_in_ms,
-        };
-        Ok(cell.farm.job(job).map(|job| Assignment {
-            lease,
-            spec: job.spec(),
-        }))
-    }
-
-    /// A worker asks for work, which is a sign of life.
-    async fn hear(self: &Arc<Self>, worker: WorkerId, now: Millis) -> Result<(), ServiceError> {
-        let mut cell = self.fresh_farm().await?;
-        while let Err(refusal) = cell.farm.seen(worker, now) {
-            if !self.catch_up(&mut cell).await? {
-                return Err(refusal.into());
-            }
-        }
-        self.note_beat(worker, &[], now);
-        Ok(())
-    }
-
-    /// A sign of life; returns the leases that are lost.
-    pub async fn heartbeat(self: &Arc<Self>, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
-        let (worker, leases) = (heartbeat.worker, heartbeat.leases.as_slice());
-        let mut cell = self.fresh_farm().await?;
-        let lost = loop {
-            let now = self.clock.now();
-            let result = cell.farm.heartbeat(worker, leases, now);
-            let sure = matches!(&result, Ok(lost) if lost.is_empty());
-            if sure || !self.catch_up(&mut cell).await? {
-                self.note_beat(worker, leases, now);
-                break result?;
-            }
-        };
-        let decision = cell.farm.reconnected(worker, self.clock.now());
-        drop(cell);
-        if !decision.changes.is_empty() {
-            let worker = heartbeat.worker;
-            self.transact(move |farm, now| Ok(farm.reconnected(worker, now)))
-                .await?;
-        }
-        self.progress.send_modify(|version| *version += 1);
-        Ok(lost)
-    }
-
-    /// A worker could not render an iteration.
-    pub async fn fail(self: &Arc<Self>, report: FailureReport) -> Result<(), ServiceError> {
-        let FailureReport {
-            token,
-            worker,
-            job,
-            leaf,
-            kind,
-            message,
-        } = report;
-        if kind == FailureKind::Lost {
-            return Err(Problem::new(ErrorCode::Invalid, "a worker cannot report itself lost").into());
-        }
-        let attempt = Attempt {
-            worker,
-            kind,
-            message: photonfarm_proto::worker::cut_text(message),
-            at_ms: self.clock.now(),
-        };
-        self.transact(move |farm, now| farm.fail(job, token, leaf, attempt.clone(), now))
-            .await?;
-        self.transact(move |farm, now| Ok(farm.settle(job, now))).await
-    }
-
-    /// A worker gives a lease back.
-    pub async fn release(self: &Arc<Self>, release: Release) -> Result<(), ServiceError> {
-        let Release { token, worker, job } = release;
-        self.transact(move |farm, _| Ok(farm.release(job, token, worker))).await
-    }
-
-    /// A worker ends.
-    pub async fn leave(self: &Arc<Self>, worker: WorkerId) -> Result<(), ServiceError> {
-        self.transact(move |farm, _| Ok(farm.leave(worker))).await
-    }
-
-    /// The workers heard of lately.
-    pub async fn workers(self: &Arc<Self>) -> Result<Vec<WorkerStatus>, ServiceError> {
-        Ok(self.fresh_farm().await?.farm.worker_statuses(self.clock.now()))
     }
 
     /// A job, whether it goes on or has ended.

@@ -7,7 +7,6 @@ use super::upload::delivery;
 use super::{Service, ServiceError};
 use crate::scheduler::{Delivered, Job, Refusal};
 use crate::store::StoreError;
-use photonfarm_proto::job::{Attempt, FailureKind};
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{NodePlace, NodeUpload};
@@ -55,7 +54,7 @@ impl Service {
             };
             if first && let Err(reason) = service.read_node(header, upload.digest).await? {
                 service.stores.nodes.remove(upload.digest).await?;
-                service.blame(&upload, reason.clone()).await?;
+                service.blame(&upload, &reason).await?;
                 return Err(Problem::new(ErrorCode::ContentMismatch, reason).into());
             }
             let delivery = delivery(&upload, !first);
@@ -82,28 +81,6 @@ impl Service {
             }
             other => other,
         }
-    }
-
-    /// The image that a worker stored is not what it said: a failure of the worker at the node's first leaf.
-    async fn blame(self: &Arc<Self>, upload: &NodeUpload, reason: String) -> Result<(), ServiceError> {
-        let NodeUpload {
-            token,
-            worker,
-            job,
-            node,
-            ..
-        } = *upload;
-        let Ok(leaf) = u32::try_from(node.first()) else {
-            return Ok(());
-        };
-        let attempt = Attempt {
-            worker,
-            kind: FailureKind::Render,
-            message: format!("worker {worker} stored node {node}, but {reason}"),
-            at_ms: self.clock.now(),
-        };
-        self.transact(move |farm, now| farm.fail(job, token, leaf, attempt.clone(), now))
-            .await
     }
 }
 

@@ -129,7 +129,11 @@ impl World {
 
     async fn upload(&self, lease: &Lease) -> Result<Delivered, ServiceError> {
         let (upload, image) = self.rendered(lease);
-        let body = [frame_upload(&upload).unwrap().as_slice(), &image[NodeHeader::BYTES..]].concat();
+        self.send(&upload, &image).await
+    }
+
+    async fn send(&self, upload: &NodeUpload, image: &[u8]) -> Result<Delivered, ServiceError> {
+        let body = [frame_upload(upload).unwrap().as_slice(), &image[NodeHeader::BYTES..]].concat();
         self.service
             .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]))
             .await
@@ -164,6 +168,28 @@ async fn bytes_without_a_row_do_not_count_and_go_at_the_next_start() {
     store::put(&*stores.nodes, b"left behind").await.unwrap();
     let service = open(folder.path(), &state).await;
     assert_eq!(service.stores.nodes.list().await.unwrap(), []);
+}
+
+#[tokio::test]
+async fn pixels_that_cannot_be_are_a_failure_of_who_sent_them_and_damaged_bytes_are_not() {
+    let world = World::new(2).await;
+    let lease = world.lease().await;
+    let (mut upload, mut image) = world.rendered(&lease);
+    let failures = || world.state.rows().jobs[&world.job].failures.clone();
+    let sound = image.clone();
+    image[NodeHeader::BYTES..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let problem = world.send(&upload, &image).await.unwrap_err().into_problem();
+    assert_eq!((problem.code, failures().len()), (ErrorCode::ContentMismatch, 0));
+
+    upload.digest = BlobHash::of(&image);
+    let problem = world.send(&upload, &image).await.unwrap_err().into_problem();
+    assert_eq!(problem.code, ErrorCode::Invalid);
+    let (leaf, attempt) = failures()[0].clone();
+    assert_eq!((leaf, attempt.worker), (lease.node.index, world.worker));
+    upload.digest = BlobHash::of(&sound);
+    let problem = world.send(&upload, &sound).await.unwrap_err().into_problem();
+    assert_eq!(problem.code, ErrorCode::StaleLease, "a failure ends the lease");
+    assert_eq!((world.done().await, world.blobs().await), (0, 0));
 }
 
 #[tokio::test]

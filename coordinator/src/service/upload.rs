@@ -45,7 +45,14 @@ impl Service {
         while let Some(piece) = body.next().await? {
             image.take(&piece).await?;
         }
-        self.accept(upload, image.end()??).await
+        match image.end()? {
+            Ok(image) => self.accept(upload, image).await,
+            // Its bytes came as they were sent, so that the network is not to blame.
+            Err(error) => {
+                self.blame(&upload, &error.to_string()).await?;
+                Err(error.into())
+            }
+        }
     }
 
     /// What becomes of a node whatever its image is: it is known already, or refused. Nobody may take the
