@@ -107,7 +107,8 @@ fn build_map(bencher: Bencher, threads: usize) {
     let records = wall_records(RECORDS);
     bencher
         .counter(ItemsCount::new(RECORDS))
-        .bench(|| on_pool(threads, || RecordMap::build(&records, &Reach::new(RADIUS, PI), false)));
+        .with_inputs(|| records.clone())
+        .bench_values(|records| on_pool(threads, || RecordMap::build(records, &Reach::new(RADIUS, PI), false)));
 }
 
 /// Queries in random order that find about two records each, on one thread; items are queries.
@@ -115,7 +116,7 @@ fn build_map(bencher: Bencher, threads: usize) {
 fn query_map(bencher: Bencher) {
     const QUERIES: u64 = 200_000;
     let reach = Reach::new(RADIUS, PI);
-    let map = RecordMap::build(&wall_records(1_000_000), &reach, false);
+    let map = RecordMap::build(wall_records(1_000_000), &reach, false);
     let centers: Vec<Vec3> = wall_records(QUERIES)
         .into_iter()
         .flatten()

@@ -144,7 +144,10 @@ fn broken_json() {
     let mut job = valid_job();
     job["schedule"] = json!([10, false, null, null, []]);
     let problem = target.refused_json("/v1/jobs", job.to_string().as_bytes());
-    assert_eq!((problem.code, problem.field.as_deref()), (ErrorCode::Invalid, Some("schedule")));
+    assert_eq!(
+        (problem.code, problem.field.as_deref()),
+        (ErrorCode::Invalid, Some("schedule"))
+    );
     let file = json!({"files": {"a": [BlobHash::of(b"").to_string(), 0]}});
     let problem = target.refused_json("/v1/bundles", file.to_string().as_bytes());
     assert_eq!(problem.field.as_deref(), Some("files.a"));

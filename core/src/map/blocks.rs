@@ -25,7 +25,7 @@ pub(super) fn cell_in_block(cell: [i32; 3]) -> u32 {
 }
 
 /// The low 21 bits of a number, two zeros between each of them and the next.
-pub(super) fn spread_bits(number: u32) -> u64 {
+fn spread_bits(number: u32) -> u64 {
     let mut bits = u64::from(number & 0x1f_ffff);
     bits = (bits | bits << 32) & 0x001f_0000_0000_ffff;
     bits = (bits | bits << 16) & 0x001f_0000_ff00_00ff;

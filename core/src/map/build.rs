@@ -12,11 +12,17 @@ const PART_BITS: u32 = 8;
 const PARTS: usize = 1 << PART_BITS;
 
 /// The records of one chunk of light paths, by part.
-struct ChunkOrder {
-    /// Indices in the chunk; in order within a part.
-    entries: Vec<u32>,
-    /// `starts[p]..starts[p + 1]` are the entries of part `p`.
+struct Split {
+    /// In order within a part.
+    records: Vec<Record>,
+    /// `starts[p]..starts[p + 1]` are the records of part `p`.
     starts: Vec<u32>,
+}
+
+impl Split {
+    fn part(&self, part: usize) -> &[Record] {
+        &self.records[self.starts[part] as usize..self.starts[part + 1] as usize]
+    }
 }
 
 /// How records are put in order.
@@ -37,7 +43,7 @@ impl RecordMap {
     /// # Panics
     /// If there are more than [`MAX_RECORDS`] records.
     #[must_use]
-    pub fn build(chunks: &[Vec<Record>], reach: &Reach, normals: bool) -> Self {
+    pub fn build(chunks: Vec<Vec<Record>>, reach: &Reach, normals: bool) -> Self {
         let total: usize = chunks.iter().map(Vec::len).sum();
         assert!(
             total <= MAX_RECORDS,
@@ -49,7 +55,8 @@ impl RecordMap {
             cells_per_unit: 1.0 / cell_size,
             row_shift: (!reach.is_omnidirectional()).then_some(shift),
         };
-        let orders: Vec<ChunkOrder> = chunks.par_iter().map(|chunk| layout.split(chunk)).collect();
+        // Every chunk goes as soon as it is split.
+        let splits: Vec<Split> = chunks.into_par_iter().map(|chunk| layout.split(&chunk)).collect();
         let mut spots = vec![Spot::default(); total + LANES];
         let mut weights = vec![Spectrum::ZERO; total];
         let mut coarse_normals = vec![0; if normals { total } else { 0 }];
@@ -60,9 +67,9 @@ impl RecordMap {
             normals: &mut coarse_normals,
             edges: &mut edges,
         };
-        let directories: Vec<Directory> = tasks(arrays, &orders)
+        let directories: Vec<Directory> = tasks(arrays, &splits)
             .into_par_iter()
-            .map(|task| task.fill(&layout, chunks, &orders))
+            .map(|task| task.fill(&layout, &splits))
             .collect();
         Self {
             reach: *reach,
@@ -79,14 +86,11 @@ impl RecordMap {
 }
 
 /// Cuts the arrays into parts.
-fn tasks<'a>(arrays: Arrays<'a>, orders: &[ChunkOrder]) -> Vec<PartTask<'a>> {
+fn tasks<'a>(arrays: Arrays<'a>, splits: &[Split]) -> Vec<PartTask<'a>> {
     let (mut rest, mut first) = (arrays, 0);
     let mut tasks = Vec::with_capacity(PARTS);
     for part in 0..PARTS {
-        let size = orders
-            .iter()
-            .map(|chunk| (chunk.starts[part + 1] - chunk.starts[part]) as usize)
-            .sum();
+        let size = splits.iter().map(|split| split.part(part).len()).sum();
         let (arrays, after) = rest.split_at(size);
         rest = after;
         tasks.push(PartTask { part, first, arrays });
@@ -115,8 +119,9 @@ fn join(directories: &[Directory], total: usize) -> Blocks {
 
 impl Layout {
     /// Orders a chunk by part.
-    fn split(&self, chunk: &[Record]) -> ChunkOrder {
-        let part = |record: &Record| (hash_block(self.block(record)) >> (u64::BITS - PART_BITS)) as usize;
+    fn split(&self, chunk: &[Record]) -> Split {
+        let block = |record: &Record| block_of(cell(record.position, self.cells_per_unit));
+        let part = |record: &Record| hash_block(block(record)) >> (u64::BITS - PART_BITS);
         let parts: Vec<u8> = chunk.iter().map(|record| part(record) as u8).collect();
         let mut starts = vec![0_u32; PARTS + 1];
         for &part in &parts {
@@ -125,26 +130,39 @@ impl Layout {
         for part in 0..PARTS {
             starts[part + 1] += starts[part];
         }
-        let mut entries = vec![0; chunk.len()];
+        let mut order = vec![0; chunk.len()];
         let mut next = starts.clone();
         for (index, &part) in parts.iter().enumerate() {
             let slot = &mut next[usize::from(part)];
-            entries[*slot as usize] = index as u32;
+            order[*slot as usize] = index;
             *slot += 1;
         }
-        ChunkOrder { entries, starts }
+        let records = order.into_iter().map(|index| chunk[index]).collect();
+        Split { records, starts }
     }
 
-    fn block(&self, record: &Record) -> u64 {
-        block_of(cell(record.position, self.cells_per_unit))
-    }
-
-    /// Block, and within it cell and direction.
-    fn key(&self, record: &Record) -> (u64, u64) {
+    fn key(&self, record: &Record) -> Key {
         let cell = cell(record.position, self.cells_per_unit);
         let direction = self.row_shift.map_or(0, |shift| sort_key(record.direction, shift));
-        let within = u64::from(cell_in_block(cell)) << 32 | u64::from(direction);
-        (block_of(cell), within)
+        Key::new(block_of(cell), cell_in_block(cell), direction)
+    }
+}
+
+/// Block, cell within it, and direction, by which records are sorted.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Key(u128);
+
+impl Key {
+    fn new(block: u64, cell: u32, direction: u32) -> Self {
+        Self(u128::from(block) << u64::BITS | u128::from(cell) << u32::BITS | u128::from(direction))
+    }
+
+    fn block(self) -> u64 {
+        (self.0 >> u64::BITS) as u64
+    }
+
+    fn cell(self) -> u32 {
+        (self.0 >> u32::BITS) as u32
     }
 }
 
@@ -205,19 +223,15 @@ struct PartTask<'a> {
 }
 
 impl PartTask<'_> {
-    fn fill(mut self, layout: &Layout, chunks: &[Vec<Record>], orders: &[ChunkOrder]) -> Directory {
-        let mut sorted: Vec<((u64, u64), u64)> = Vec::with_capacity(self.arrays.weights.len());
-        for (chunk, order) in orders.iter().enumerate() {
-            for &index in &order.entries[order.starts[self.part] as usize..order.starts[self.part + 1] as usize] {
-                let key = layout.key(&chunks[chunk][index as usize]);
-                sorted.push((key, (chunk as u64) << 32 | u64::from(index)));
-            }
-        }
-        sorted.sort_unstable();
+    fn fill(mut self, layout: &Layout, splits: &[Split]) -> Directory {
+        let mut sorted: Vec<(Key, &Record)> = Vec::with_capacity(self.arrays.weights.len());
+        let records = splits.iter().flat_map(|split| split.part(self.part));
+        sorted.extend(records.map(|record| (layout.key(record), record)));
+        sorted.sort_by_key(|(key, _)| *key);
         let mut directory = Directory::default();
         let mut last = None;
-        for (slot, &((block, within), place)) in sorted.iter().enumerate() {
-            let cell = 1 << (within >> 32);
+        for (slot, &(key, record)) in sorted.iter().enumerate() {
+            let (block, cell) = (key.block(), 1 << key.cell());
             if last.replace((block, cell)) != Some((block, cell)) {
                 directory.starts.push(self.first + slot as u32);
                 match directory.blocks.last_mut().filter(|last| last.number == block) {
@@ -229,8 +243,7 @@ impl PartTask<'_> {
                     }),
                 }
             }
-            self.arrays
-                .set(slot, &chunks[(place >> 32) as usize][place as u32 as usize]);
+            self.arrays.set(slot, record);
         }
         directory
     }

@@ -230,9 +230,14 @@ impl RecordMap {
 /// Cell coordinates of a position, within [`FARTHEST_CELL`] of the origin.
 fn cell(position: Vec3, cells_per_unit: f32) -> [i32; 3] {
     (position * cells_per_unit)
-        .floor()
         .to_array()
-        .map(|c| (c as i32).clamp(-FARTHEST_CELL, FARTHEST_CELL))
+        .map(|c| floor(c).clamp(-FARTHEST_CELL, FARTHEST_CELL))
+}
+
+/// The greatest integer not above `x`; a call of the library's function takes longer than the rest of [`cell`].
+fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero.saturating_sub(i32::from(towards_zero as f32 > x))
 }
 
 /// Bound of a cell's coordinates: 22 bits and a sign. That far from the origin single precision tells positions apart to half a

@@ -34,7 +34,7 @@ fn a_query_finds_each_record_in_reach_once_and_no_other() {
     for (radius, theta, least) in [(0.21, PI, 500), (0.5, 0.3, 80), (1.0, 0.05, 8), (0.6, 1.4, 500)] {
         let reach = Reach::new(radius, theta);
         let narrower = Reach::new(0.7 * radius, (0.6 * theta).min(1.0));
-        let map = RecordMap::build(&chunked(&all, 777), &reach, false);
+        let map = RecordMap::build(chunked(&all, 777), &reach, false);
         let mut hits = 0;
         for i in 0..500 {
             let mut random = PathRandom::new(8, 1, Stream::Camera, i);
@@ -62,7 +62,7 @@ fn a_group_finds_for_each_query_what_it_finds_alone() {
     let all = records(40_000, 4.0);
     for (radius, theta, least) in [(0.3, PI, 10_000), (0.4, 0.3, 1_000), (0.1, 0.02, 0), (0.3, 1.5, 5_000)] {
         let reach = Reach::new(radius, theta);
-        let map = RecordMap::build(&chunked(&all, 999), &reach, false);
+        let map = RecordMap::build(chunked(&all, 999), &reach, false);
         let mut queries: Vec<(Place, Vec3, Vec3)> = all
             .iter()
             .step_by(20)
@@ -90,7 +90,7 @@ fn a_group_finds_for_each_query_what_it_finds_alone() {
 fn a_query_for_every_direction_finds_each_record_in_reach_once() {
     let all = records(20_000, 10.0);
     let reach = Reach::new(0.21, PI);
-    let map = RecordMap::build(&chunked(&all, 777), &reach, false);
+    let map = RecordMap::build(chunked(&all, 777), &reach, false);
     let mut hits = 0;
     for center in all.iter().step_by(40).map(|r| r.position + Vec3::splat(0.05)) {
         let mut got = Vec::new();
@@ -111,7 +111,7 @@ fn order_does_not_depend_on_chunks_or_threads() {
     let reach = Reach::new(0.3, 0.5);
     let build = |size: usize, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| RecordMap::build(&chunked(&all, size), &reach, true))
+        pool.install(|| RecordMap::build(chunked(&all, size), &reach, true))
     };
     let (one, seven) = (build(5_000, 1), build(97, 7));
     for i in 0..50 {
@@ -143,8 +143,8 @@ fn what_occupancy_drops_changes_neither_what_is_found_nor_its_order() {
         .collect();
     assert!(kept.len() < all.len() / 4, "most are dropped: {} are left", kept.len());
     let (whole, culled) = (
-        RecordMap::build(&chunked(&all, 999), &reach, false),
-        RecordMap::build(&chunked(&kept, 999), &reach, false),
+        RecordMap::build(chunked(&all, 999), &reach, false),
+        RecordMap::build(chunked(&kept, 999), &reach, false),
     );
     let mut hits = 0;
     for (center, direction) in queries {
@@ -167,7 +167,7 @@ fn a_query_reads_few_records_that_do_not_count() {
         .collect();
     for (radius, theta) in [(0.05, 0.3), (0.02, 0.1)] {
         let reach = Reach::new(radius, theta);
-        let map = RecordMap::build(&chunked(&flat, 4096), &reach, false);
+        let map = RecordMap::build(chunked(&flat, 4096), &reach, false);
         let (mut counted, mut read) = (0, 0);
         for query in flat.iter().step_by(400) {
             let (indices, r) = found(&map, query.position, query.direction(), &reach);
@@ -183,7 +183,7 @@ fn a_query_reads_few_records_that_do_not_count() {
 #[test]
 fn an_empty_map_finds_nothing() {
     let reach = Reach::new(1.0, 0.5);
-    let map = RecordMap::build(&[], &reach, false);
+    let map = RecordMap::build(Vec::new(), &reach, false);
     assert!(map.is_empty());
     assert!(found(&map, Vec3::ZERO, Vec3::Z, &reach).0.is_empty());
 }

@@ -51,7 +51,7 @@ impl Importons {
         let every =
             |stride: usize| -> Vec<Record> { queries.iter().filter(is_importon).step_by(stride).map(record).collect() };
         let reach = Reach::new(bandwidth.sigma, PI);
-        let map_of = |importons| RecordMap::build(&[importons], &reach, false);
+        let map_of = |importons| RecordMap::build(vec![importons], &reach, false);
         let pilot_stride = count.div_ceil(PILOT).max(1);
         let pilot = map_of(every(pilot_stride));
         let crowd = mean_neighbours(

@@ -118,8 +118,7 @@ impl<'a> Pass<'a> {
         for batch in batches(self.settings.photons) {
             let records = self.trace_light(batch, occupancy.as_ref(), observer, counts)?;
             observer.phase(Phase::BuildMap);
-            let map = RecordMap::build(&records, self.kernel.reach(), self.settings.surface_test);
-            drop(records);
+            let map = RecordMap::build(records, self.kernel.reach(), self.settings.surface_test);
             observer.phase(Phase::ReadMap);
             self.queries.read(&map, &self.kernel, observer, counts)?;
         }
