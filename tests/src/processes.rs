@@ -30,11 +30,13 @@ pub fn scene(name: &str) -> PathBuf {
 pub fn program(name: &str) -> PathBuf {
     static FOLDER: OnceLock<PathBuf> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
-        let test = std::env::current_exe().expect("the test has a path");
-        let folder = test
+        let this = std::env::current_exe().expect("the program has a path");
+        let folder = this.parent().expect("programs lie in target/PROFILE");
+        // Tests lie a folder deeper.
+        let folder = folder
             .parent()
-            .and_then(Path::parent)
-            .expect("tests lie in target/PROFILE/deps")
+            .filter(|_| folder.ends_with("deps"))
+            .unwrap_or(folder)
             .to_owned();
         let mut build = Command::new(env!("CARGO"));
         build.args(["build", "--quiet", "--locked", "--workspace", "--bins", "--tests"]);
