@@ -1,4 +1,4 @@
-//! Siblings become their parent; images are read; a job ends.
+//! Nodes become one; images are read; a job ends.
 
 use super::SchedulerConfig;
 use super::job::Job;
@@ -7,35 +7,60 @@ use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::job::{Attempt, FailureKind, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
 
+/// Most nodes that become one at a time. The more, the fewer times an image is written and read again where nodes arrive
+/// faster than they are merged.
+const MERGED_AT_ONCE: usize = 8;
+
 impl Job {
-    /// The leftmost two siblings that both count: their parent is to be made.
+    /// The node that is to be made next: of the leftmost two siblings that both count, and of as many of the nodes about
+    /// them as are there and make up a node with them.
     #[must_use]
     pub fn next_merge(&self) -> Option<NodeKey> {
-        let waits = |node: NodeKey| self.is_in_doubt(node) || self.is_checkpoint(node);
-        let ready = |left: &&NodeKey| {
-            let right = left.sibling();
-            left.index.is_multiple_of(2) && self.is_live(right) && !waits(**left) && !waits(right)
-        };
-        self.live.values().find(ready).map(|left| left.parent())
+        let pair = |left: &NodeKey| left.index.is_multiple_of(2).then(|| left.parent());
+        let ready = |node: &NodeKey| self.parts(*node).is_some();
+        let mut node = self.live.values().filter_map(pair).find(ready)?;
+        while ready(&node.parent()) {
+            node = node.parent();
+        }
+        Some(node)
     }
 
-    /// Replaces two siblings by their parent; `None` if they are not both there any more.
+    /// The nodes of the image that make up another one, from left to right; `None` if leaves of it are missing, or wait.
     #[must_use]
-    pub fn merge(&self, parent: NodeKey, digest: BlobHash) -> Option<Vec<Change>> {
-        let children = parent.children()?;
-        let stay = |child: &NodeKey| !self.is_live(*child) || self.is_in_doubt(*child) || self.is_checkpoint(*child);
-        if self.state.ended() || children.iter().any(stay) {
-            return None;
-        }
+    pub fn parts(&self, node: NodeKey) -> Option<Vec<NodeKey>> {
+        let mut parts = Vec::new();
+        (node.fits(self.control.iterations) && self.add_parts_below(node, &mut parts)).then_some(parts)
+    }
+
+    fn add_parts_below(&self, node: NodeKey, parts: &mut Vec<NodeKey>) -> bool {
+        node.children().is_some_and(|children| {
+            children.into_iter().all(|child| {
+                let waits = self.is_in_doubt(child) || self.is_checkpoint(child);
+                if waits || parts.len() == MERGED_AT_ONCE {
+                    return false;
+                }
+                if self.is_live(child) {
+                    parts.push(child);
+                    return true;
+                }
+                self.add_parts_below(child, parts)
+            })
+        })
+    }
+
+    /// Replaces the parts of a node by the node; `None` if they are not all there any more.
+    #[must_use]
+    pub fn merge(&self, node: NodeKey, digest: BlobHash) -> Option<Vec<Change>> {
+        let parts = self.parts(node).filter(|_| !self.state.ended())?;
         let job = self.id();
-        let mut changes: Vec<Change> = children.map(|node| Change::NodeMerged { job, node }).into();
         let mut totals: Option<Totals> = None;
-        for took in children.iter().filter_map(|child| self.nodes[child].totals.as_ref()) {
+        for took in parts.iter().filter_map(|part| self.nodes[part].totals.as_ref()) {
             totals.get_or_insert_default().add(took);
         }
+        let mut changes: Vec<Change> = parts.into_iter().map(|node| Change::NodeMerged { job, node }).collect();
         changes.push(Change::NodeAdded {
             job,
-            node: parent,
+            node,
             record: NodeRecord {
                 totals,
                 ..NodeRecord::new(digest)

@@ -136,6 +136,12 @@ impl Job {
         self.live.values().map(|key| (*key, self.nodes[key].digest))
     }
 
+    /// The hash of the image of a node that counts on its own.
+    #[must_use]
+    pub fn live_digest(&self, node: NodeKey) -> Option<BlobHash> {
+        self.is_live(node).then(|| self.nodes[&node].digest)
+    }
+
     /// Whether a node counts on its own.
     #[must_use]
     pub fn is_live(&self, node: NodeKey) -> bool {

@@ -356,10 +356,10 @@ impl Farm {
         Decision::new((), changes)
     }
 
-    /// The image of a parent is safe in the store: it replaces its children.
+    /// The image of a node that others make up is safe in the store: it replaces them.
     #[must_use]
-    pub fn merge(&self, job: JobId, parent: NodeKey, digest: BlobHash) -> Decision<bool> {
-        let changes = self.jobs.get(&job).and_then(|job| job.merge(parent, digest));
+    pub fn merge(&self, job: JobId, node: NodeKey, digest: BlobHash) -> Decision<bool> {
+        let changes = self.jobs.get(&job).and_then(|job| job.merge(node, digest));
         Decision::new(changes.is_some(), changes.unwrap_or_default())
     }
 

@@ -1,13 +1,15 @@
-//! Siblings become their parent, until only maximal nodes are left; then a complete job ends.
+//! Nodes become one, until only maximal nodes are left; then a complete job ends.
 
 use super::garbage::Garbage;
+use super::merge::{AddError, Merge, Unusable, add_up};
 use super::{Service, ServiceError};
 use crate::scheduler::Job;
 use crate::store;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::{BlobHash, JobId};
-use photonfarm_proto::node::{self, NodeKey};
+use photonfarm_proto::node::{NodeHeader, NodeKey};
 use std::sync::Arc;
+use tokio::runtime::Handle;
 
 impl Service {
     /// Merges what there is, by and by; where several coordinators share the farm, the one that leads does.
@@ -36,7 +38,7 @@ impl Service {
         }
     }
 
-    /// Merges while there are siblings. One merge at a time in the whole process bounds its memory.
+    /// Merges while there is something to merge. One merge at a time in the whole process bounds its memory.
     async fn fold(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
         let _one_at_a_time = self.folding.lock().await;
         self.merge_all(job).await?;
@@ -52,26 +54,30 @@ impl Service {
     }
 
     async fn merge_all(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
-        while let Some((parent, children)) = self.next_merge(job).await? {
-            let [Some(left), Some(right)] = [self.child(job, children[0]).await?, self.child(job, children[1]).await?]
-            else {
-                continue;
+        let mut image = Vec::new();
+        while let Some(merge) = self.next_merge(job).await? {
+            let node = merge.node.key;
+            let (store, runtime) = (self.stores.nodes.clone(), Handle::current());
+            let add = move || {
+                let added = runtime.block_on(add_up(&*store, &merge, &mut image));
+                (added, image)
             };
-            let merge = move || left.merge(&right).map(|parent| node::encode_node(job, &parent));
-            let bytes = tokio::task::spawn_blocking(merge)
+            let (added, sum) = tokio::task::spawn_blocking(add)
                 .await
-                .map_err(|_| ServiceError::Stopping)??;
+                .map_err(|_| ServiceError::Stopping)?;
+            image = sum;
+            match added {
+                Ok(()) => {}
+                Err(AddError::Unusable(Unusable { node, digest, reason })) => {
+                    self.give_up(job, (node, digest), reason).await?;
+                    continue;
+                }
+                Err(AddError::Store(error)) => return Err(error.into()),
+            }
             let _publishing = self.publishing.read().await;
-            let digest = store::put(&*self.stores.nodes, &bytes).await?;
-            if !self
-                .transact(move |farm, _| Ok(farm.merge(job, parent, digest)))
-                .await?
-            {
-                self.collect_refused(Garbage {
-                    job,
-                    node: parent,
-                    digest,
-                });
+            let digest = store::put(&*self.stores.nodes, &image).await?;
+            if !self.transact(move |farm, _| Ok(farm.merge(job, node, digest))).await? {
+                self.collect_refused(Garbage { job, node, digest });
             }
         }
         Ok(())
@@ -82,17 +88,26 @@ impl Service {
         Ok(self.fresh_farm().await?.farm.job(job).and_then(Job::next_unread))
     }
 
-    async fn next_merge(
-        self: &Arc<Self>,
-        job: JobId,
-    ) -> Result<Option<(NodeKey, [(NodeKey, BlobHash); 2])>, ServiceError> {
+    async fn next_merge(self: &Arc<Self>, id: JobId) -> Result<Option<Merge>, ServiceError> {
         let cell = self.fresh_farm().await?;
-        let Some(job) = cell.farm.job(job) else { return Ok(None) };
-        Ok(job.next_merge().and_then(|parent| {
-            let digest = |child| job.live_nodes().find(|(live, _)| *live == child);
-            let [left, right] = parent.children()?;
-            Some((parent, [digest(left)?, digest(right)?]))
-        }))
+        let Some(job) = cell.farm.job(id) else { return Ok(None) };
+        let merge = || {
+            let key = job.next_merge()?;
+            let [width, height] = job.resolution()?;
+            let node = NodeHeader {
+                job: id,
+                key,
+                width,
+                height,
+            };
+            let parts = job.parts(key)?.into_iter();
+            let parts = parts.map(|part| Some((part, job.live_digest(part)?)));
+            Some(Merge {
+                node,
+                parts: parts.collect::<Option<_>>()?,
+            })
+        };
+        Ok(merge())
     }
 
     pub(super) async fn child(

@@ -6,8 +6,10 @@ mod fold;
 mod garbage;
 mod image;
 mod jobs;
+mod merge;
 mod nodes;
 mod noise;
+mod pixels;
 mod shared;
 #[cfg(test)]
 mod shared_tests;

@@ -1,6 +1,7 @@
 //! Images of nodes as they are read: one that is not what it should be is given up.
 
 use super::{Service, ServiceError};
+use crate::scheduler::Farm;
 use crate::store::StoreError;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::{BlobHash, JobId};
@@ -26,16 +27,25 @@ impl Service {
         match self.read_node(header, digest).await? {
             Ok(node) => Ok(Some(node)),
             Err(reason) => {
-                tracing::warn!(%job, node = %key, reason, "the image of a node cannot be used");
-                if self
-                    .transact(move |farm, now| Ok(farm.lose(job, key, &reason, now)))
-                    .await?
-                {
-                    self.stores.nodes.remove(digest).await?;
-                }
+                self.give_up(job, (key, digest), reason).await?;
                 Ok(None)
             }
         }
+    }
+
+    /// Gives up a node of which the image cannot be used: its leaves go back to the pool.
+    pub(super) async fn give_up(
+        self: &Arc<Self>,
+        job: JobId,
+        (node, digest): (NodeKey, BlobHash),
+        reason: String,
+    ) -> Result<(), ServiceError> {
+        tracing::warn!(%job, %node, reason, "the image of a node cannot be used");
+        let lose = move |farm: &Farm, now| Ok(farm.lose(job, node, &reason, now));
+        if self.transact(lose).await? {
+            self.stores.nodes.remove(digest).await?;
+        }
+        Ok(())
     }
 
     /// Reads the image of a node, which is to have this header; or says why it cannot be used.

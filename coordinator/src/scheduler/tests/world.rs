@@ -5,7 +5,7 @@ mod model;
 
 use super::*;
 use crate::store::memory::Rows;
-use model::{Random, honest, lie, noise, sum};
+use model::{Random, added_up, honest, lie, noise};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_proto::schedule::Schedule;
 use record::{JobRecord, NodeRecord};
@@ -241,10 +241,9 @@ impl World {
 
     fn fold(&mut self, id: JobId) {
         loop {
-            while let Some(parent) = self.farm.job(id).and_then(Job::next_merge) {
-                let job = self.farm.job(id).unwrap();
-                let [left, right] = parent.children().unwrap().map(|child| job.nodes[&child].digest);
-                if self.transact(self.farm.merge(id, parent, sum(left, right))).is_none() {
+            while let Some(node) = self.farm.job(id).and_then(Job::next_merge) {
+                let digest = added_up(self.farm.job(id).unwrap(), node);
+                if self.transact(self.farm.merge(id, node, digest)).is_none() {
                     return;
                 }
             }

@@ -1,5 +1,6 @@
 //! Random numbers, and what nodes are: a digest is a hash of what the node consists of.
 
+use crate::scheduler::Job;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::node::NodeKey;
 
@@ -43,8 +44,17 @@ pub(super) fn word(hash: BlobHash) -> u64 {
     u64::from_le_bytes(hash.0[..8].try_into().unwrap())
 }
 
-pub(super) fn sum(left: BlobHash, right: BlobHash) -> BlobHash {
+fn sum(left: BlobHash, right: BlobHash) -> BlobHash {
     hash(word(left), word(right), 3)
+}
+
+/// The digest of a node that others of the job's image make up.
+pub(super) fn added_up(job: &Job, node: NodeKey) -> BlobHash {
+    if let Some(digest) = job.live_digest(node) {
+        return digest;
+    }
+    let [left, right] = node.children().unwrap().map(|child| added_up(job, child));
+    sum(left, right)
 }
 
 /// The digest of a node that was rendered as it should be.

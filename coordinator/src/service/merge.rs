@@ -1,0 +1,157 @@
+//! The images of nodes are added up as they are read, piece by piece: memory holds one image, however many are added.
+
+use super::pixels::Pixels;
+use crate::store::{BlobReader, BlobStore, StoreError};
+use photonfarm_proto::id::BlobHash;
+use photonfarm_proto::node::{NodeHeader, NodeKey};
+use std::io::ErrorKind;
+use tokio::io::AsyncReadExt;
+
+/// Bytes read of each image at a time.
+const PIECE: usize = 1 << 18;
+
+/// A node that is to be made, and what it is made of.
+#[derive(Clone, Debug)]
+pub(super) struct Merge {
+    pub(super) node: NodeHeader,
+    /// The nodes that make it up, from left to right.
+    pub(super) parts: Vec<(NodeKey, BlobHash)>,
+}
+
+/// A node of which the image cannot be used.
+#[derive(Debug)]
+pub(super) struct Unusable {
+    pub(super) node: NodeKey,
+    pub(super) digest: BlobHash,
+    pub(super) reason: String,
+}
+
+/// Why images could not be added up.
+pub(super) enum AddError {
+    Unusable(Unusable),
+    Store(StoreError),
+}
+
+impl From<StoreError> for AddError {
+    fn from(error: StoreError) -> Self {
+        Self::Store(error)
+    }
+}
+
+/// Makes the image of a node: the sum of its parts in the order of the tree, left plus right.
+///
+/// Every part is held against its hash, its header and what pixels may be.
+pub(super) async fn add_up(store: &dyn BlobStore, merge: &Merge, image: &mut Vec<u8>) -> Result<(), AddError> {
+    let planes = merge.node.plane_bytes() as usize;
+    image.resize(NodeHeader::BYTES + planes, 0);
+    let (head, rest) = image.split_at_mut(NodeHeader::BYTES);
+    head.copy_from_slice(&merge.node.to_bytes());
+    let mut parts = Vec::with_capacity(merge.parts.len());
+    for &(key, digest) in &merge.parts {
+        parts.push(Part::open(store, NodeHeader { key, ..merge.node }, digest).await?);
+    }
+    let mut stack: Vec<(NodeKey, Vec<f32>)> = Vec::new();
+    for piece in rest.chunks_mut(PIECE) {
+        for part in &mut parts {
+            let mut sum = (part.header.key, part.read(piece.len()).await?);
+            while let Some((_, mut left)) = stack.pop_if(|(left, _)| sum.0 == left.sibling()) {
+                left.iter_mut().zip(&sum.1).for_each(|(left, right)| *left += right);
+                sum = (sum.0.parent(), left);
+            }
+            stack.push(sum);
+        }
+        for (_, sum) in stack.drain(..) {
+            let values = piece.chunks_exact_mut(4).zip(sum);
+            values.for_each(|(bytes, value)| bytes.copy_from_slice(&value.to_le_bytes()));
+        }
+    }
+    parts.into_iter().try_for_each(Part::end)
+}
+
+/// The image of a part as it is read.
+struct Part {
+    header: NodeHeader,
+    digest: BlobHash,
+    reader: BlobReader,
+    hasher: blake3::Hasher,
+    pixels: Pixels,
+    bytes: Vec<u8>,
+}
+
+impl Part {
+    async fn open(store: &dyn BlobStore, header: NodeHeader, digest: BlobHash) -> Result<Self, AddError> {
+        let unusable = |reason| {
+            AddError::Unusable(Unusable {
+                node: header.key,
+                digest,
+                reason,
+            })
+        };
+        let (length, reader) = match store.open(digest).await {
+            Ok(opened) => opened,
+            Err(error @ (StoreError::NoBlob(_) | StoreError::Damaged(_))) => return Err(unusable(error.to_string())),
+            Err(error) => return Err(error.into()),
+        };
+        let expected = NodeHeader::BYTES as u64 + header.plane_bytes();
+        if length != expected {
+            return Err(unusable(format!("its image has {length} bytes, not {expected}")));
+        }
+        let mut part = Self {
+            header,
+            digest,
+            reader,
+            hasher: blake3::Hasher::new(),
+            pixels: Pixels::of(&header),
+            bytes: Vec::new(),
+        };
+        part.fill(NodeHeader::BYTES).await?;
+        if part.bytes != header.to_bytes() {
+            return Err(part.unusable("its image is that of another node".to_owned()));
+        }
+        Ok(part)
+    }
+
+    fn unusable(&self, reason: String) -> AddError {
+        AddError::Unusable(Unusable {
+            node: self.header.key,
+            digest: self.digest,
+            reason,
+        })
+    }
+
+    /// Reads the next `length` bytes.
+    async fn fill(&mut self, length: usize) -> Result<(), AddError> {
+        self.bytes.resize(length, 0);
+        match self.reader.read_exact(&mut self.bytes).await {
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+                return Err(self.unusable("its image ends early".to_owned()));
+            }
+            Err(source) => {
+                let path = self.digest.to_string().into();
+                return Err(StoreError::Io { path, source }.into());
+            }
+        }
+        self.hasher.update(&self.bytes);
+        Ok(())
+    }
+
+    /// The values of the next `length` bytes of the planes.
+    async fn read(&mut self, length: usize) -> Result<Vec<f32>, AddError> {
+        self.fill(length).await?;
+        self.pixels.look_at(&self.bytes);
+        let values = self.bytes.chunks_exact(4);
+        Ok(values.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+    }
+
+    fn end(self) -> Result<(), AddError> {
+        let found = BlobHash::from(self.hasher.finalize());
+        if found != self.digest {
+            return Err(self.unusable(format!("its image has hash {found}")));
+        }
+        match &self.pixels.bad {
+            Some(error) => Err(self.unusable(error.to_string())),
+            None => Ok(()),
+        }
+    }
+}
