@@ -23,6 +23,8 @@ fn help(name: &str, arguments: &[&str]) -> String {
     for (variable, _) in std::env::vars().filter(|(name, _)| name.starts_with("PHOTONFARM_")) {
         command.env_remove(variable);
     }
+    // The width that lines are wrapped at.
+    command.env_remove("COLUMNS");
     let output = command.args(arguments).arg("--help").output().unwrap();
     assert!(output.status.success(), "{name} {arguments:?}");
     let text = String::from_utf8(output.stdout).unwrap();

@@ -169,6 +169,9 @@ pub(crate) struct ServeArgs {
     /// 10 suits machines of strangers, 0 repeats none
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) verify: u32,
+    /// How long a lease should take [s]: longer ones bring fewer images to take in, and a killed worker loses more
+    #[arg(long, value_name = "S", default_value = "30")]
+    pub(crate) lease_seconds: NonZeroU32,
     /// Requests a second that one token may send from one address
     #[arg(long, value_name = "N", default_value = "1000")]
     pub(crate) rate: NonZeroU32,
@@ -388,7 +391,7 @@ mod tests {
             "photonfarm token list --coordinator http://localhost:1 --token-file t --ca c",
             "photonfarm token revoke a --data d",
             "photonfarm token list --state postgres://farm@localhost/farm",
-            "photonfarm serve --listen 127.0.0.1:0 --data d --verify 10",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --verify 10 --lease-seconds 600",
             "photonfarm submit s.xml --coordinator http://localhost:1 --tag a=b --tag c --priority 3 --noise-target 0.1 --within 2h",
             "photonfarm jobs --coordinator http://localhost:1",
             "photonfarm jobs 3 --json --coordinator http://localhost:1",

@@ -35,6 +35,7 @@ async fn serve(args: ServeArgs) -> Result<()> {
         rate: args.rate.get(),
         connections: args.connections.get(),
         scheduler: SchedulerConfig {
+            lease_target_ms: 1000 * u64::from(args.lease_seconds.get()),
             verify_until: args.verify,
             ..SchedulerConfig::default()
         },

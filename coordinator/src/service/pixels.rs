@@ -49,7 +49,7 @@ impl Pixels {
         let values = bytes
             .chunks_exact(4)
             .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        let can_be = |value: f32| (value >= 0.0) & (value < f32::INFINITY);
+        let can_be = |value: f32| (0.0..f32::INFINITY).contains(&value);
         // All are compared without a branch, many at a time; only where one is bad does it matter which.
         let good = values.clone().fold(true, |good, value| good & can_be(value));
         if !good && self.bad.is_none() {
