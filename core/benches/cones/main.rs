@@ -2,9 +2,10 @@
 //! an iteration's phases scale on two threads.
 //!
 //!     cargo bench -p photonfarm-core --bench cones
+//!     cargo bench -p photonfarm-core --bench cones -- phases
 //!
 //! Queries are those of a quarter of the picture, at four samples per pixel, the default: every structure is asked all of them. An
-//! argument after `--` is the number of light paths, a million by default. Every structure must find the same cones, with sums
+//! argument after `--` is the number of light paths, a million by default, or `phases` for the phases of iterations alone. Every structure must find the same cones, with sums
 //! equal to rounding. Times of queries and builds are processor time of one thread, so that a busy machine changes them little;
 //! the phases of an iteration are wall-clock time and mean something on an idle machine alone. It runs on Linux.
 
@@ -31,6 +32,9 @@ const RESOLUTION: u32 = 256;
 
 /// Least processor time of a measurement [s].
 const LEAST_SECONDS: f64 = 0.1;
+
+/// Iterations whose phases are measured.
+const RUNS: u32 = 3;
 
 /// How cones choose their directions: as in most of the thesis, and with camera connections.
 const BSDF: &[DirectionSampler] = &[DirectionSampler::Bsdf];
@@ -229,12 +233,21 @@ impl Observer for Clock {
     }
 }
 
-/// Seconds of each phase of an iteration on a pool of `threads`.
+/// Seconds of each phase of an iteration on a pool of `threads`: the least of some runs, since other work only adds to them.
 fn phases(scene: &Scene, settings: &PcfSettings, threads: usize) -> Vec<(Phase, f64)> {
-    let clock = Clock(Mutex::new((Instant::now(), None, Vec::new())));
     let integrator = IntegratorSettings::Pcf(settings.clone());
-    pool(threads).install(|| render_iteration(scene, &integrator, 1, 1, &clock).expect("it renders"));
-    clock.0.into_inner().expect("no panic meanwhile").2
+    let run = || {
+        let clock = Clock(Mutex::new((Instant::now(), None, Vec::new())));
+        pool(threads).install(|| render_iteration(scene, &integrator, 1, 1, &clock).expect("it renders"));
+        clock.0.into_inner().expect("no panic meanwhile").2
+    };
+    let mut least = run();
+    for _ in 1..RUNS {
+        for ((_, least), (_, seconds)) in least.iter_mut().zip(run()) {
+            *least = least.min(seconds);
+        }
+    }
+    least
 }
 
 fn pool(threads: usize) -> rayon::ThreadPool {
@@ -264,7 +277,8 @@ fn main() {
     let light_paths = std::env::args().find_map(|a| a.parse().ok()).unwrap_or(LIGHT_PATHS);
     println!("{light_paths} light paths per iteration, {RESOLUTION} x {RESOLUTION} pixels");
     let scenes = ["diffuse-box.xml", "mirror-glass.xml"].map(|name| (name, load(name)));
-    for (name, scene) in &scenes {
+    let structures = !std::env::args().any(|argument| argument == "phases");
+    for (name, scene) in scenes.iter().filter(|_| structures) {
         for (k, samplers) in [(1, BSDF), (1, CAMERA), (2, BSDF)] {
             let settings = settings(scene, light_paths, k, samplers);
             for iteration in [1, 1000] {
