@@ -139,13 +139,6 @@ async fn damaged_nodes_are_refused_and_nothing_counts() {
         ErrorCode::Invalid,
     )
     .await;
-    let mut poisoned = leaf(0, 0.5);
-    poisoned.sum[2] = f32::NAN;
-    expect_problem(
-        farm.send("nodes", body(&upload(&lease, &poisoned))).await,
-        ErrorCode::Invalid,
-    )
-    .await;
     let whole = body(&(good.clone(), planes.clone()));
     for length in (4..whole.len()).step_by(7) {
         expect_problem(farm.send("nodes", whole[..length].to_vec()).await, ErrorCode::Malformed).await;
@@ -160,6 +153,11 @@ async fn damaged_nodes_are_refused_and_nothing_counts() {
     )
     .await;
     assert!(problem.detail.contains("3 x 2"), "{problem}");
+    let mut poisoned = leaf(1, 0.5);
+    poisoned.sum[2] = f32::NAN;
+    let poisoned = body(&upload(&next, &poisoned));
+    expect_problem(farm.send("nodes", poisoned.clone()).await, ErrorCode::Invalid).await;
+    expect_problem(farm.send("nodes", poisoned).await, ErrorCode::StaleLease).await;
     assert_eq!(farm.status(job).await.iterations_done, 1);
 }
 
