@@ -142,7 +142,7 @@ fn broken_json() {
         }
     }
     let mut job = valid_job();
-    job["schedule"] = json!([10, false, null, null, []]);
+    job["schedule"] = json!([20, false, null, null, []]);
     let problem = target.refused_json("/v1/jobs", job.to_string().as_bytes());
     assert_eq!(
         (problem.code, problem.field.as_deref()),
