@@ -14,6 +14,8 @@ pub use api::openapi;
 pub use server::{Timeouts, TlsError, TlsFiles};
 
 use access::{Gate, Tokens};
+use futures_util::FutureExt;
+use futures_util::future::BoxFuture;
 use photonfarm_proto::limits::Limits;
 use scheduler::SchedulerConfig;
 use server::Server;
@@ -100,18 +102,30 @@ pub struct Coordinator {
     clockwork: JoinHandle<()>,
 }
 
+// The futures of what other crates call are boxed: their code is compiled once, here, and not again in every program.
 impl Coordinator {
     /// Opens the stores in the data folder, goes on with what they hold, and serves on the listener.
     ///
     /// # Errors
     /// An address beyond this machine without any token; a certificate that cannot be used; a data folder in use, damaged, or made by a newer version.
-    pub async fn start(config: Config, listener: TcpListener) -> Result<Self, StartError> {
-        let stores = open_stores(&config).await?;
-        Self::start_with(config, stores, listener).await
+    pub fn start(config: Config, listener: TcpListener) -> BoxFuture<'static, Result<Self, StartError>> {
+        async move {
+            let stores = open_stores(&config).await?;
+            Self::start_with(config, stores, listener).await
+        }
+        .boxed()
     }
 
     /// As [`start`](Self::start), with stores of the caller's.
-    pub async fn start_with(config: Config, stores: Stores, listener: TcpListener) -> Result<Self, StartError> {
+    pub fn start_with(
+        config: Config,
+        stores: Stores,
+        listener: TcpListener,
+    ) -> BoxFuture<'static, Result<Self, StartError>> {
+        Self::serve(config, stores, listener).boxed()
+    }
+
+    async fn serve(config: Config, stores: Stores, listener: TcpListener) -> Result<Self, StartError> {
         let address = listener.local_addr()?;
         let loopback = address.ip().to_canonical().is_loopback();
         let tls = config.tls.as_ref().map(TlsFiles::acceptor).transpose()?;
@@ -161,7 +175,11 @@ impl Coordinator {
     }
 
     /// Ends: answers waiting requests, takes no new ones, and returns when the requests under way are done.
-    pub async fn shutdown(self) {
+    pub fn shutdown(self) -> BoxFuture<'static, ()> {
+        self.end().boxed()
+    }
+
+    async fn end(self) {
         self.service.stop();
         let (server, clockwork) = (self.server.abort_handle(), self.clockwork.abort_handle());
         if tokio::time::timeout(SHUTDOWN, async { tokio::join!(self.server, self.clockwork) })
@@ -178,8 +196,11 @@ impl Coordinator {
 }
 
 /// Opens the stores. The lock of a database file keeps a folder of bytes beside it as well.
-pub async fn open_stores(config: &Config) -> Result<Stores, StoreError> {
-    let state = config.state.open().await?;
-    let [scenes, nodes] = config.blobs.open(state.is_shared()).await?;
-    Ok(Stores { state, scenes, nodes })
+pub fn open_stores(config: &Config) -> BoxFuture<'_, Result<Stores, StoreError>> {
+    async {
+        let state = config.state.open().await?;
+        let [scenes, nodes] = config.blobs.open(state.is_shared()).await?;
+        Ok(Stores { state, scenes, nodes })
+    }
+    .boxed()
 }

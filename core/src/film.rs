@@ -1,6 +1,7 @@
 //! Iteration images, the nodes of the reduction tree, and the reconstruction filter.
 
 use crate::math::{Vec2, safe_sqrt};
+use crate::settings::STATISTICS_PER_PIXEL;
 use crate::spectrum::{CHANNELS, Spectrum};
 use std::sync::LazyLock;
 use thiserror::Error;
@@ -111,10 +112,13 @@ pub struct Node {
     pub sum: Vec<f32>,
     /// Sum of the squared luminance, one value a pixel.
     pub sum_of_squares: Vec<f32>,
+    /// What a sequential integrator goes on from after the node's last iteration
+    /// ([`Iteration::statistics`](crate::integrator::Iteration::statistics)); empty for the others.
+    pub statistics: Vec<f32>,
 }
 
 /// Why two nodes cannot be added, or a leaf cannot enter the tree.
-#[derive(Debug, Error, PartialEq)]
+#[derive(Clone, Debug, Error, PartialEq)]
 pub enum FilmError {
     /// Not the two children of one node.
     #[error(
@@ -133,8 +137,8 @@ pub enum FilmError {
     /// Different image sizes, or a buffer of another length than its size says.
     #[error("image sizes differ: {0}")]
     Size(String),
-    /// A pixel that is not finite or is negative.
-    #[error("pixel ({x}, {y}) is {value}: not a finite, non-negative radiance")]
+    /// A value of a pixel that is not finite or is negative.
+    #[error("pixel ({x}, {y}) has the value {value}: neither a radiance nor a statistic is negative or not finite")]
     Pixel {
         /// Column.
         x: u32,
@@ -157,7 +161,15 @@ impl Node {
             index,
             sum,
             sum_of_squares,
+            statistics: Vec::new(),
         };
+        node.check()?;
+        Ok(node)
+    }
+
+    /// The node with what a sequential integrator goes on from after it.
+    pub fn with_statistics(self, statistics: Vec<f32>) -> Result<Self, FilmError> {
+        let node = Self { statistics, ..self };
         node.check()?;
         Ok(node)
     }
@@ -171,9 +183,11 @@ impl Node {
     /// Checks lengths and pixels; call it on anything received.
     pub fn check(&self) -> Result<(), FilmError> {
         let pixels = self.width as usize * self.height as usize;
-        if self.sum.len() != pixels * CHANNELS || self.sum_of_squares.len() != pixels {
+        let statistics = self.statistics.len();
+        let whole = statistics == 0 || statistics == pixels * STATISTICS_PER_PIXEL;
+        if self.sum.len() != pixels * CHANNELS || self.sum_of_squares.len() != pixels || !whole {
             return Err(FilmError::Size(format!(
-                "{} x {} pixels with {} sums and {} squares",
+                "{} x {} pixels with {} sums, {} squares and {statistics} statistics",
                 self.width,
                 self.height,
                 self.sum.len(),
@@ -186,7 +200,10 @@ impl Node {
                 .position(|v| !v.is_finite() || *v < 0.0)
                 .map(|i| (i / per_pixel, values[i]))
         };
-        match bad(&self.sum, CHANNELS).or_else(|| bad(&self.sum_of_squares, 1)) {
+        let bad = bad(&self.sum, CHANNELS)
+            .or_else(|| bad(&self.sum_of_squares, 1))
+            .or_else(|| bad(&self.statistics, STATISTICS_PER_PIXEL));
+        match bad {
             Some((pixel, value)) => Err(FilmError::Pixel {
                 x: pixel as u32 % self.width,
                 y: pixel as u32 / self.width,
@@ -196,7 +213,7 @@ impl Node {
         }
     }
 
-    /// The parent: left child plus right child, in that order.
+    /// The parent: left child plus right child, in that order, with the right child's statistics.
     pub fn merge(mut self, right: &Self) -> Result<Self, FilmError> {
         if self.level != right.level || !self.index.is_multiple_of(2) || right.index != self.index + 1 {
             return Err(FilmError::NotSiblings {
@@ -206,7 +223,12 @@ impl Node {
                 right_index: right.index,
             });
         }
+        if self.statistics.len() != right.statistics.len() {
+            let (left, right) = (self.statistics.len(), right.statistics.len());
+            return Err(FilmError::Size(format!("{left} and {right} statistics")));
+        }
         self.add(right)?;
+        self.statistics.clone_from(&right.statistics);
         self.level += 1;
         self.index /= 2;
         Ok(self)
@@ -378,6 +400,20 @@ mod tests {
         assert_eq!(image.pixels[0], Spectrum::splat(3.0));
         let expected = (8.0_f32 / 3.0 / 2.0).sqrt();
         assert!((image.standard_error[0] / expected - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn statistics_are_those_after_the_last_iteration() {
+        let with = |index, value: f32| leaf(index, 1.0).with_statistics(vec![value; 4]).unwrap();
+        let parent = with(0, 5.0).merge(&with(1, 3.0)).unwrap();
+        assert_eq!(parent.statistics, [3.0; 4]);
+        assert!(matches!(with(0, 5.0).merge(&leaf(1, 1.0)), Err(FilmError::Size(_))));
+        let bad = |statistics| leaf(0, 1.0).with_statistics(statistics).unwrap_err();
+        assert!(matches!(bad(vec![1.0; 3]), FilmError::Size(_)));
+        assert!(matches!(
+            bad(vec![1.0, 1.0, 1.0, -1.0]),
+            FilmError::Pixel { x: 1, y: 0, .. }
+        ));
     }
 
     #[test]

@@ -13,6 +13,8 @@ pub enum IntegratorSettings {
     Path(PathSettings),
     /// Probabilistic progressive photon mapping (Knaus and Zwicker 2011).
     Pppm(PppmSettings),
+    /// Stochastic progressive photon mapping (Hachisuka and Jensen 2009): sequential.
+    Sppm(PppmSettings),
     /// Photon cone focusing (Chang 2019).
     Pcf(PcfSettings),
 }
@@ -35,6 +37,9 @@ pub const MAX_PHOTONS: u32 = 10_000_000;
 /// Most camera samples per pixel of an iteration.
 pub const MAX_SAMPLES: u32 = 65_536;
 
+/// Values of each pixel that iterations of a sequential integrator hand on.
+pub const STATISTICS_PER_PIXEL: usize = 2;
+
 impl IntegratorSettings {
     /// The integrator's name in a job.
     #[must_use]
@@ -42,6 +47,7 @@ impl IntegratorSettings {
         match self {
             Self::Path(_) => "path",
             Self::Pppm(_) => "pppm",
+            Self::Sppm(_) => "sppm",
             Self::Pcf(_) => "pcf",
         }
     }
@@ -51,9 +57,27 @@ impl IntegratorSettings {
     pub fn sampling(&self) -> Sampling {
         match self {
             Self::Path(s) => s.sampling,
-            Self::Pppm(s) => s.sampling,
+            Self::Pppm(s) | Self::Sppm(s) => s.sampling,
             Self::Pcf(s) => s.sampling,
         }
+    }
+
+    /// Values of each pixel that an iteration hands on to the next ([`Iteration::statistics`]). 0: iterations need
+    /// nothing of each other. Otherwise the integrator is *sequential*: its iterations are rendered one after the other.
+    ///
+    /// [`Iteration::statistics`]: crate::integrator::Iteration::statistics
+    #[must_use]
+    pub fn statistics_per_pixel(&self) -> usize {
+        match self {
+            Self::Path(_) | Self::Pppm(_) | Self::Pcf(_) => 0,
+            Self::Sppm(_) => STATISTICS_PER_PIXEL,
+        }
+    }
+
+    /// Whether an iteration goes on from what the one before it left.
+    #[must_use]
+    pub fn is_sequential(&self) -> bool {
+        self.statistics_per_pixel() > 0
     }
 
     /// Checks every value against its range.
@@ -63,7 +87,7 @@ impl IntegratorSettings {
     pub fn validate(&self) -> Result<(), SettingError> {
         match self {
             Self::Path(s) => check_common(s.samples, s.max_depth),
-            Self::Pppm(s) => {
+            Self::Pppm(s) | Self::Sppm(s) => {
                 check_common(s.samples, s.max_depth)?;
                 check_photons(s.photons, s.alpha, s.sigma1)
             }
@@ -179,7 +203,7 @@ impl Default for PathSettings {
     }
 }
 
-/// Settings of `pppm`.
+/// Settings of `pppm` and of `sppm`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PppmSettings {
@@ -191,7 +215,7 @@ pub struct PppmSettings {
     pub sampling: Sampling,
     /// Share of the photons that the shrinking radius keeps, in (0, 1).
     pub alpha: f32,
-    /// First radius [scene units]; `None`: from the scene and the pixel footprint.
+    /// First radius [scene units], of `sppm` that of every pixel; `None`: from the scene and the pixel footprint.
     pub sigma1: Option<f32>,
     /// Most edges of a light path, camera to light; `None`: no limit.
     pub max_depth: Option<u32>,

@@ -1,6 +1,6 @@
 //! An iteration is a pure function: the same bits with any number of threads and on any run.
 
-use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::integrator::{Unobserved, render_iteration, render_next};
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
 use std::collections::BTreeMap;
@@ -48,6 +48,29 @@ fn pppm_has_the_same_bits_with_any_number_of_threads() {
         photons: 30_000,
         ..Default::default()
     }));
+}
+
+#[test]
+fn an_sppm_chain_has_the_same_bits_with_any_number_of_threads_and_wherever_it_is_cut() {
+    let settings = IntegratorSettings::Sppm(PppmSettings {
+        photons: 10_000,
+        ..Default::default()
+    });
+    let scene = load("mirror-glass.xml");
+    let chain = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut before = Vec::new();
+        let iterations = (1..=3).map(|i| {
+            let next = || render_next(&scene, &settings, 42, i, &before, &Unobserved).unwrap();
+            let image = pool.install(next);
+            before = image.statistics.clone();
+            let pixels = image.pixels.iter().flat_map(|p| p.to_rgb());
+            pixels.chain(image.statistics).map(f32::to_bits).collect::<Vec<_>>()
+        });
+        iterations.collect::<Vec<_>>()
+    };
+    let one = chain(1);
+    assert!(one[0] != one[1] && chain(2) == one && chain(7) == one);
 }
 
 #[test]

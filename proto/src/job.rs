@@ -19,7 +19,7 @@ pub struct JobSpec {
     /// Values for the scene's `<default>` elements.
     #[serde(default)]
     pub defines: BTreeMap<String, String>,
-    /// The integrator with its settings; `type` is `path`, `pppm` or `pcf`.
+    /// The integrator with its settings; `type` is `path`, `pppm`, `sppm` or `pcf`.
     #[schema(value_type = Object, example = json!({"type": "pppm", "photons": 200000}))]
     pub integrator: IntegratorSettings,
     /// Number of iterations to average.

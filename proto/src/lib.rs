@@ -11,6 +11,7 @@ pub mod id;
 pub mod job;
 pub mod limits;
 pub mod node;
+pub mod planes;
 pub mod problem;
 pub mod schedule;
 pub mod token;

@@ -1,12 +1,14 @@
 //! Nodes of the reduction tree: their names, and their images as bytes.
 //!
-//! A node's image is a header of [`NodeHeader::BYTES`] bytes and two planes of little-endian `f32`: the sums, channels
-//! interleaved, then the sums of squares; rows from the top. The same bytes are stored and hashed, so that equal
-//! digests mean equal bits.
+//! A node's image is a header of [`NodeHeader::BYTES`] bytes and planes of little-endian `f32`: the sums, channels
+//! interleaved, then the sums of squares, then what a sequential integrator goes on from after the node, if it is one;
+//! rows from the top. The same bytes are stored and hashed, so that equal digests mean equal bits.
 
 use crate::id::JobId;
 use crate::limits::{LimitError, Limits};
+use crate::planes::values;
 use photonfarm_core::film::{FilmError, Node};
+use photonfarm_core::settings::STATISTICS_PER_PIXEL;
 use photonfarm_core::spectrum::CHANNELS;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -115,6 +117,8 @@ pub struct NodeHeader {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
+    /// Statistics of each pixel: those of a sequential integrator, or none.
+    pub statistics: u16,
 }
 
 /// Why bytes are not a node.
@@ -140,6 +144,11 @@ pub enum NodeError {
     /// A node that cannot be.
     #[error("there is no node {0}")]
     Key(NodeKey),
+    /// Statistics that no integrator has.
+    #[error(
+        "the image of a node has {0} statistics of each pixel; there are integrators with 0 and with {STATISTICS_PER_PIXEL}"
+    )]
+    Statistics(u16),
     /// An image beyond the limits.
     #[error(transparent)]
     Limit(#[from] LimitError),
@@ -167,21 +176,38 @@ impl NodeHeader {
             key,
             width: node.width,
             height: node.height,
+            statistics: match node.statistics.is_empty() {
+                true => 0,
+                false => STATISTICS_PER_PIXEL as u16,
+            },
         }
     }
 
     /// Size of the planes.
     #[must_use]
     pub fn plane_bytes(&self) -> u64 {
+        self.image_bytes() + self.statistics_bytes()
+    }
+
+    /// Size of the planes of sums: of radiance, and of squares.
+    #[must_use]
+    pub fn image_bytes(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height) * VALUES_PER_PIXEL * 4
     }
 
-    /// As bytes: magic, version, two zero bytes, job, level, index, width, height.
+    /// Size of the statistics, which come last.
+    #[must_use]
+    pub fn statistics_bytes(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height) * u64::from(self.statistics) * 4
+    }
+
+    /// As bytes: magic, version, statistics of each pixel, job, level, index, width, height.
     #[must_use]
     pub fn to_bytes(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         bytes[..4].copy_from_slice(&MAGIC);
         bytes[4..6].copy_from_slice(&NODE_VERSION.to_le_bytes());
+        bytes[6..8].copy_from_slice(&self.statistics.to_le_bytes());
         bytes[8..16].copy_from_slice(&self.job.0.to_le_bytes());
         let words = [self.key.level, self.key.index, self.width, self.height];
         for (to, word) in bytes[16..].chunks_exact_mut(4).zip(words) {
@@ -205,6 +231,10 @@ impl NodeHeader {
         if version != NODE_VERSION {
             return Err(NodeError::Version { found: version });
         }
+        let statistics = u16::from_le_bytes([bytes[6], bytes[7]]);
+        if statistics != 0 && usize::from(statistics) != STATISTICS_PER_PIXEL {
+            return Err(NodeError::Statistics(statistics));
+        }
         let mut words = [0u32; 6];
         for (word, from) in words.iter_mut().zip(bytes[8..].chunks_exact(4)) {
             *word = u32::from_le_bytes([from[0], from[1], from[2], from[3]]);
@@ -221,6 +251,7 @@ impl NodeHeader {
             key,
             width,
             height,
+            statistics,
         })
     }
 
@@ -232,13 +263,8 @@ impl NodeHeader {
                 expected: self.plane_bytes(),
             });
         }
-        let values = |bytes: &[u8]| -> Vec<f32> {
-            bytes
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-                .collect()
-        };
-        let (sum, squares) = planes.split_at(planes.len() / VALUES_PER_PIXEL as usize * CHANNELS);
+        let (image, statistics) = planes.split_at(self.image_bytes() as usize);
+        let (sum, squares) = image.split_at(image.len() / VALUES_PER_PIXEL as usize * CHANNELS);
         let node = Node {
             width: self.width,
             height: self.height,
@@ -246,6 +272,7 @@ impl NodeHeader {
             index: self.key.index,
             sum: values(sum),
             sum_of_squares: values(squares),
+            statistics: values(statistics),
         };
         node.check()?;
         Ok(node)
@@ -255,9 +282,10 @@ impl NodeHeader {
 /// A node's image as bytes: what is stored and hashed.
 #[must_use]
 pub fn encode_node(job: JobId, node: &Node) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(NodeHeader::BYTES + node.sum.len() * 4 + node.sum_of_squares.len() * 4);
-    bytes.extend_from_slice(&NodeHeader::of(job, node).to_bytes());
-    for value in node.sum.iter().chain(&node.sum_of_squares) {
+    let header = NodeHeader::of(job, node);
+    let mut bytes = Vec::with_capacity(NodeHeader::BYTES + header.plane_bytes() as usize);
+    bytes.extend_from_slice(&header.to_bytes());
+    for value in node.sum.iter().chain(&node.sum_of_squares).chain(&node.statistics) {
         bytes.extend_from_slice(&value.to_le_bytes());
     }
     bytes
@@ -287,6 +315,18 @@ mod tests {
             decode_node(&bytes, &Limits::default()).unwrap(),
             (JobId(1 << 40), node())
         );
+    }
+
+    #[test]
+    fn statistics_survive_and_no_others_than_an_integrator_has_are_read() {
+        let node = node().with_statistics((0..12).map(|i| i as f32).collect()).unwrap();
+        let mut bytes = encode_node(JobId(1), &node);
+        let limits = Limits::default();
+        assert_eq!(decode_node(&bytes, &limits).unwrap(), (JobId(1), node));
+        for other in [0, 1, 3] {
+            bytes[6] = other;
+            assert!(decode_node(&bytes, &limits).is_err(), "{other}");
+        }
     }
 
     #[test]
@@ -321,6 +361,7 @@ mod tests {
             key: NodeKey::leaf(0),
             width: u32::MAX,
             height: u32::MAX,
+            statistics: 0,
         };
         let limits = Limits::default();
         assert!(matches!(

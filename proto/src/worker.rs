@@ -8,6 +8,7 @@
 //! | `POST /v1/worker/nodes` | [`NodeUpload`] (see [`frame_upload`]), then the planes | [`NodeReply`] |
 //! | `POST /v1/worker/nodes/place` | [`NodeUpload`] | [`NodePlace`] |
 //! | `POST /v1/worker/nodes/stored` | [`NodeUpload`] | [`NodeReply`] |
+//! | `POST /v1/worker/statistics` | [`StatisticsRequest`] | [`statistics_body`] |
 //! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
 //! | `POST /v1/worker/leave` | [`Leave`] | [`Acknowledged`] |
@@ -20,6 +21,7 @@ use crate::codec::{self, CodecError, Message};
 use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use crate::job::{FailureKind, JobSpec, Totals};
 use crate::node::{NodeHeader, NodeKey};
+use crate::planes;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -142,14 +144,15 @@ pub struct NodeUpload {
 }
 
 impl NodeUpload {
-    /// The header of the image.
+    /// The header of the image, with so many statistics of each pixel.
     #[must_use]
-    pub fn header(&self) -> NodeHeader {
+    pub fn header(&self, statistics: u16) -> NodeHeader {
         NodeHeader {
             job: self.job,
             key: self.node,
             width: self.width,
             height: self.height,
+            statistics,
         }
     }
 }
@@ -170,6 +173,41 @@ pub enum NodePlace {
 pub struct NodeReply {
     /// Whether it had been counted before.
     pub duplicate: bool,
+}
+
+/// Asks for what a sequential integrator goes on from at the first leaf of a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StatisticsRequest {
+    /// The lease.
+    pub token: LeaseToken,
+    /// Who.
+    pub worker: WorkerId,
+    /// The job.
+    pub job: JobId,
+}
+
+/// The reply to a [`StatisticsRequest`]: the hash of what follows, then the statistics of each pixel as little-endian
+/// `f32`.
+#[must_use]
+pub fn statistics_body(statistics: &[f32]) -> Vec<u8> {
+    let values: Vec<u8> = statistics.iter().flat_map(|value| value.to_le_bytes()).collect();
+    [&BlobHash::of(&values).0[..], &values].concat()
+}
+
+/// Size of a reply to a [`StatisticsRequest`] with so many values.
+#[must_use]
+pub fn statistics_body_bytes(values: usize) -> usize {
+    size_of::<BlobHash>() + 4 * values
+}
+
+/// The statistics of a reply; `None` if it is damaged, or has another number of values.
+#[must_use]
+pub fn read_statistics(body: &[u8], values: usize) -> Option<Vec<f32>> {
+    if body.len() != statistics_body_bytes(values) {
+        return None;
+    }
+    let (hash, bytes) = body.split_at(size_of::<BlobHash>());
+    (BlobHash::of(bytes).0 == hash).then(|| planes::values(bytes))
 }
 
 /// An iteration that could not be rendered. The lease ends.
@@ -233,6 +271,7 @@ kinds! {
     Acknowledged = 11,
     Leave = 12,
     NodePlace = 13,
+    StatisticsRequest = 14,
 }
 
 /// Most bytes of a framed [`NodeUpload`].
@@ -318,6 +357,20 @@ mod tests {
             if let Ok(reply) = codec::decode::<LeaseReply>(&damaged) {
                 assert_ne!(reply, assignment());
             }
+        }
+    }
+
+    #[test]
+    fn statistics_survive_their_bytes_and_damage_is_seen() {
+        let statistics = [0.25, 3.5, f32::MIN_POSITIVE];
+        let mut body = statistics_body(&statistics);
+        assert_eq!(body.len(), statistics_body_bytes(3));
+        assert_eq!(read_statistics(&body, 3).unwrap(), statistics);
+        assert!(read_statistics(&body, 2).is_none() && read_statistics(&body[..40], 3).is_none());
+        for bit in 0..body.len() * 8 {
+            body[bit / 8] ^= 1 << (bit % 8);
+            assert!(read_statistics(&body, 3).is_none(), "bit {bit}");
+            body[bit / 8] ^= 1 << (bit % 8);
         }
     }
 

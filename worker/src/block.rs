@@ -37,11 +37,13 @@ pub(crate) enum Ending {
     },
 }
 
-/// Renders the leaves of `block` in order. What was summed until the ending is the maximal nodes of the leaves done.
+/// Renders the leaves of `block` in order, the first one going on from the statistics `before` if the integrator is sequential.
+/// What was summed until the ending is the maximal nodes of the leaves done.
 pub(crate) fn render_block(
     scene: &dyn LoadedScene,
     spec: &JobSpec,
     block: NodeKey,
+    mut before: Vec<f32>,
     state: &LeaseState,
     drain: &CancellationToken,
 ) -> (Vec<Sum>, Ending) {
@@ -54,7 +56,8 @@ pub(crate) fn render_block(
             break;
         }
         let leaf = leaf as u32;
-        let rendered = render_leaf(scene, spec, leaf, state).and_then(|(node, totals)| {
+        let rendered = render_leaf(scene, spec, leaf, &before, state).and_then(|(node, totals)| {
+            before.clone_from(&node.statistics);
             forest
                 .push(node)
                 .map_err(|error| LeafError::Failed(FailureKind::Render, error.to_string()))?;
@@ -103,7 +106,9 @@ impl From<RenderError> for LeafError {
         match error {
             RenderError::Cancelled => Self::Lost,
             RenderError::Setting(_) => Self::Failed(FailureKind::Scene, error.to_string()),
-            RenderError::BadPixel { .. } => Self::Failed(FailureKind::Render, error.to_string()),
+            RenderError::BadPixel { .. } | RenderError::Statistics { .. } => {
+                Self::Failed(FailureKind::Render, error.to_string())
+            }
         }
     }
 }
@@ -118,11 +123,12 @@ fn render_leaf(
     scene: &dyn LoadedScene,
     spec: &JobSpec,
     leaf: u32,
+    before: &[f32],
     state: &LeaseState,
 ) -> Result<(Node, Totals), LeafError> {
     let clock = PhaseClock::new(state);
     let iteration = leaf + 1;
-    let render = || scene.render(&spec.integrator, spec.seed, iteration, &clock);
+    let render = || scene.render(&spec.integrator, spec.seed, iteration, before, &clock);
     let result = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
         LeafError::Failed(
             FailureKind::Panic,
@@ -132,8 +138,8 @@ fn render_leaf(
     let rendered = result?;
     let seconds = clock.finish();
     let [width, height] = scene.resolution();
-    let node = Node::leaf(leaf, width, height, &rendered.pixels)?;
-    let bandwidth = scene.bandwidth(&spec.integrator, iteration);
+    let node = Node::leaf(leaf, width, height, &rendered.pixels)?.with_statistics(rendered.statistics)?;
+    let bandwidth = scene.bandwidth(&spec.integrator, iteration, before);
     Ok((
         node,
         Totals {

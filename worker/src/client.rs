@@ -8,6 +8,7 @@ use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::codec::{self, CodecError, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::worker::{StatisticsRequest, read_statistics, statistics_body_bytes};
 use reqwest::header::{CONTENT_TYPE, LOCATION};
 use reqwest::redirect::Policy;
 use reqwest::{Method, Request, RequestBuilder, Response, StatusCode, Url};
@@ -148,6 +149,18 @@ impl Client {
         stop: &CancellationToken,
     ) -> Result<R, ClientError> {
         retry(stop, || self.call(path, message, wait)).await
+    }
+
+    /// What the iterations of a lease go on from: so many values.
+    pub(crate) async fn statistics(&self, request: &StatisticsRequest, values: usize) -> Result<Vec<f32>, ClientError> {
+        let bytes = statistics_body_bytes(values);
+        let wait = self.transfer_time(bytes as u64);
+        let request = self.post("worker/statistics", codec::encode(request)?, wait)?;
+        let body = read_bounded(succeed(self.http.execute(request).await?).await?, bytes).await?;
+        read_statistics(&body, values).ok_or_else(|| {
+            let problem = Problem::new(ErrorCode::Unavailable, "the statistics were damaged on the way");
+            ClientError::Problem(Box::new(problem))
+        })
     }
 
     /// The manifest of a bundle.

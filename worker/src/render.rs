@@ -23,14 +23,15 @@ pub trait Renderer: Send + Sync + 'static {
 pub trait LoadedScene: Send + Sync {
     /// Pixels across and down.
     fn resolution(&self) -> [u32; 2];
-    /// The bandwidth of an iteration, if the integrator has one.
-    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange>;
-    /// Renders an iteration on the current rayon pool; see [`integrator::render_iteration`].
+    /// The bandwidth of an iteration that goes on from the statistics `before`, if the integrator has one.
+    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange>;
+    /// Renders an iteration on the current rayon pool; see [`integrator::render_next`].
     fn render(
         &self,
         settings: &IntegratorSettings,
         seed: u64,
         iteration: u32,
+        before: &[f32],
         observer: &dyn Observer,
     ) -> Result<Iteration, RenderError>;
 }
@@ -78,7 +79,10 @@ impl LoadedScene for CoreScene {
         self.0.film.resolution
     }
 
-    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange> {
+    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {
+        if let Some(sigma) = integrator::radius_range(before) {
+            return Some(BandwidthRange { sigma, theta: None });
+        }
         let bandwidth = integrator::bandwidth(&self.0, settings, iteration)?;
         let has_angle = matches!(settings, IntegratorSettings::Pcf(_));
         Some(BandwidthRange::one(
@@ -92,8 +96,9 @@ impl LoadedScene for CoreScene {
         settings: &IntegratorSettings,
         seed: u64,
         iteration: u32,
+        before: &[f32],
         observer: &dyn Observer,
     ) -> Result<Iteration, RenderError> {
-        integrator::render_iteration(&self.0, settings, seed, iteration, observer)
+        integrator::render_next(&self.0, settings, seed, iteration, before, observer)
     }
 }

@@ -8,12 +8,14 @@ use crate::credentials::Credentials;
 use crate::held::{Abandon, Held, LeaseState};
 use crate::outbox::{self, Farewell, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
+use futures_util::FutureExt;
+use futures_util::future::BoxFuture;
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
-    Register, Registered, cut_text,
+    Register, Registered, StatisticsRequest, cut_text,
 };
 use rayon::ThreadPool;
 use std::collections::{BTreeMap, BTreeSet};
@@ -163,7 +165,12 @@ impl Worker {
     ///
     /// # Errors
     /// The coordinator refuses this worker, as one of another version.
-    pub async fn run(mut self, drain: CancellationToken) -> Result<(), WorkerError> {
+    pub fn run(self, drain: CancellationToken) -> BoxFuture<'static, Result<(), WorkerError>> {
+        // Boxed, so that its code is compiled once, here, and not again in every program.
+        self.work(drain).boxed()
+    }
+
+    async fn work(mut self, drain: CancellationToken) -> Result<(), WorkerError> {
         let mut terms = match self.register(&drain).await {
             Err(WorkerError::Refused(ClientError::Stopping)) => return Ok(()),
             other => other?,
@@ -267,14 +274,21 @@ impl Worker {
         let Assignment { lease, spec } = assignment;
         let state = self.held.add(lease.token);
         tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, attempt = lease.attempt, "working");
-        let (uploads, farewell, smooth) = match self.load(&spec, drain).await {
-            Ok(scene) => self.render(scene, spec, lease, state.clone(), drain).await,
+        let loaded = match self.load(&spec, drain).await {
+            Ok(scene) => {
+                let before = self.statistics(&*scene, &spec, &lease, drain).await;
+                before.map(|before| (scene, before))
+            }
+            Err(error) => Err(error),
+        };
+        let (uploads, farewell, smooth) = match loaded {
+            Ok((scene, before)) => self.render(scene, spec, lease, before, state.clone(), drain).await,
             Err(LoadError::Scene(kind, message)) => {
                 tracing::warn!(job = %lease.job, message, "the scene cannot be rendered");
                 (vec![], failure(&lease, lease.node.first() as u32, kind, message), true)
             }
             Err(LoadError::Elsewhere(error)) => {
-                tracing::warn!(job = %lease.job, error, "the scene is not at hand: the lease goes back");
+                tracing::warn!(job = %lease.job, error, "the scene or what the lease goes on from is not at hand: the lease goes back");
                 (vec![], Farewell::Release, false)
             }
         };
@@ -295,12 +309,13 @@ impl Worker {
         scene: Arc<dyn LoadedScene>,
         spec: JobSpec,
         lease: Lease,
+        before: Vec<f32>,
         state: Arc<LeaseState>,
         drain: &CancellationToken,
     ) -> (Vec<Upload>, Farewell, bool) {
         let (pool, drain) = (self.pool.clone(), drain.clone());
         let work = move || {
-            let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, &state, &drain));
+            let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, before, &state, &drain));
             (outbox::encode(lease.worker, &lease, sums), ending)
         };
         let (uploads, ending) = match tokio::task::spawn_blocking(work).await {
@@ -326,6 +341,24 @@ impl Worker {
                 (uploads, failure(&lease, leaf, kind, message), true)
             }
         }
+    }
+
+    /// What a lease goes on from, where the integrator is sequential.
+    async fn statistics(
+        &self,
+        scene: &dyn LoadedScene,
+        spec: &JobSpec,
+        lease: &Lease,
+        drain: &CancellationToken,
+    ) -> Result<Vec<f32>, LoadError> {
+        if !spec.integrator.is_sequential() || lease.node.first() == 0 {
+            return Ok(Vec::new());
+        }
+        let [width, height] = scene.resolution();
+        let values = width as usize * height as usize * spec.integrator.statistics_per_pixel();
+        let Lease { token, worker, job, .. } = *lease;
+        let request = StatisticsRequest { token, worker, job };
+        Ok(retry(drain, || self.client.statistics(&request, values)).await?)
     }
 
     /// The scene of a job, loaded before or now.

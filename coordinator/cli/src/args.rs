@@ -82,7 +82,7 @@ output, once: the farm keeps only its hash. Jobs of a revoked token go on.";
 const SET_HELP: &str = "\
 Set an integrator's setting, by its name in the job's JSON:
 path: samples, sampling, max_depth
-pppm: photons, samples, sampling, alpha, sigma1, max_depth
+pppm, sppm: photons, samples, sampling, alpha, sigma1, max_depth
 pcf:  photons, samples, sampling, alpha, p, sigma1, theta1, lookup_vertex, samplers, mis_beta, nested,
       kernel, sigma_by_length, theta_glossy, surface_test, max_depth
 where photons counts light paths per iteration, samples counts camera samples per pixel and iteration,
@@ -348,6 +348,8 @@ pub(crate) enum IntegratorName {
     Path,
     /// Probabilistic progressive photon mapping
     Pppm,
+    /// Stochastic progressive photon mapping: one worker at a time
+    Sppm,
     /// Photon cone focusing
     Pcf,
 }
@@ -414,7 +416,7 @@ mod tests {
             "photonfarm render s.xml",
             "photonfarm render s.xml -o o.exr --iterations 0",
             "photonfarm render s.xml -o o.exr --threads 0",
-            "photonfarm render s.xml -o o.exr --integrator sppm",
+            "photonfarm render s.xml -o o.exr --integrator bdpt",
             "photonfarm render s.xml -o o.exr -D name",
             "photonfarm render s.xml -o o.exr --set =1",
             "photonfarm submit s.xml --coordinator http://localhost:1 -o o.exr",

@@ -43,6 +43,7 @@ fn name_of(settings: &IntegratorSettings) -> IntegratorName {
     match settings {
         IntegratorSettings::Path(_) => IntegratorName::Path,
         IntegratorSettings::Pppm(_) => IntegratorName::Pppm,
+        IntegratorSettings::Sppm(_) => IntegratorName::Sppm,
         IntegratorSettings::Pcf(_) => IntegratorName::Pcf,
     }
 }
@@ -54,6 +55,10 @@ fn defaults(name: IntegratorName, max_depth: Option<u32>) -> IntegratorSettings 
             ..Default::default()
         }),
         IntegratorName::Pppm => IntegratorSettings::Pppm(PppmSettings {
+            max_depth,
+            ..Default::default()
+        }),
+        IntegratorName::Sppm => IntegratorSettings::Sppm(PppmSettings {
             max_depth,
             ..Default::default()
         }),

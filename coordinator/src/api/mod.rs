@@ -95,6 +95,7 @@ fn worker_routes() -> Router<App> {
         .route("/worker/nodes", post(worker::upload))
         .route("/worker/nodes/place", post(worker::place))
         .route("/worker/nodes/stored", post(worker::stored))
+        .route("/worker/statistics", post(worker::statistics))
         .route("/worker/failures", post(worker::fail))
         .route("/worker/release", post(worker::release))
         .route("/worker/leave", post(worker::leave))

@@ -7,7 +7,7 @@ use axum::extract::{Request, State};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
-    NodeUpload, Register, Registered, Release,
+    NodeUpload, Register, Registered, Release, StatisticsRequest,
 };
 
 pub(super) async fn register(
@@ -64,6 +64,13 @@ pub(super) async fn stored(
     Ok(Framed(NodeReply {
         duplicate: delivered == Delivered::Duplicate,
     }))
+}
+
+pub(super) async fn statistics(
+    State(service): State<App>,
+    Framed(request): Framed<StatisticsRequest>,
+) -> Result<Vec<u8>, ApiError> {
+    Ok(service.statistics(request).await?)
 }
 
 pub(super) async fn fail(

@@ -49,6 +49,9 @@ impl Job {
         let (worker, workers, config) = (taker.worker, taker.all.len() as u64, taker.config);
         let taken = self.taken_ranges(taker);
         let (first, free_until) = first_gap(&taken, self.leaves())?;
+        if !self.can_begin_at(first) {
+            return None;
+        }
         let suspect = self
             .failures
             .keys()
@@ -62,7 +65,11 @@ impl Job {
         let free: u64 = self
             .leaves()
             .saturating_sub(taken.iter().map(|(from, to)| to - from).sum::<u64>());
-        let share = (free / (2 * workers.max(1))).max(1);
+        // Nobody else could work on a chain meanwhile.
+        let share = match self.is_chain() {
+            true => free,
+            false => (free / (2 * workers.max(1))).max(1),
+        };
         let seconds = self.seconds_per_iteration(worker);
         let by_time = seconds
             .map_or(1.0, |s| config.lease_target_ms as f64 / 1e3 / s)
@@ -126,10 +133,12 @@ impl Job {
         if record.worker == taker.worker || patient(record, 1) {
             return None;
         }
-        let node = if record.verifies {
-            record.node
-        } else {
-            self.part_left(lease, taker.config)?
+        let node = match record.verifies {
+            true => record.node,
+            false if self.is_chain() => self
+                .next_link(record.node)
+                .filter(|_| self.can_begin_at(self.complete()))?,
+            false => self.part_left(lease, taker.config)?,
         };
         let mine = self.expected_ms(taker.worker, node);
         let shares = |other: &&LeaseRecord| {

@@ -123,22 +123,32 @@ impl Job {
         if self.nodes_in_doubt().next().is_some() || self.due_checkpoint().is_some() {
             return None;
         }
-        let poisoned: Vec<_> = self.poisoned(config).collect();
+        let poisoned: Vec<_> = match self.broken_link(config) {
+            Some(broken) => vec![broken],
+            None => self.poisoned(config).collect(),
+        };
         let leased = |leaf: u32| {
             self.leases
                 .values()
                 .any(|lease| lease.record.node.contains(NodeKey::leaf(leaf)))
         };
-        if self.done() + poisoned.len() as u64 != self.leaves() || poisoned.iter().any(|(leaf, _)| leased(*leaf)) {
+        let reached = self.broken_link(config).is_some() || self.done() + poisoned.len() as u64 == self.leaves();
+        if !reached || poisoned.iter().any(|(leaf, _)| leased(*leaf)) {
             return None;
         }
         let failure = poisoned.first().map(|(leaf, attempts)| {
             let reason = attempts.last().map_or("", |attempt| attempt.message.as_str());
             let (count, of) = (poisoned.len(), self.leaves());
-            format!(
-                "{count} of {of} iterations could not be rendered; iteration {}: {reason}",
-                leaf + 1
-            )
+            match self.is_chain() {
+                true => format!(
+                    "iteration {} could not be rendered, and those after it go on from it: {reason}",
+                    leaf + 1
+                ),
+                false => format!(
+                    "{count} of {of} iterations could not be rendered; iteration {}: {reason}",
+                    leaf + 1
+                ),
+            }
         });
         let state = if failure.is_some() {
             JobState::Failed

@@ -6,6 +6,7 @@
 
 mod alive;
 mod block;
+mod chain;
 mod deliver;
 mod failure;
 mod finish;

@@ -144,6 +144,9 @@ impl Job {
         };
         let over = self.verifiers(node).map(|lease| self.end_lease(lease.token));
         verdict.changes.extend(over);
+        if known.digest != opinion.digest {
+            verdict.changes.extend(self.forsake(node.end()));
+        }
         verdict
     }
 
@@ -167,6 +170,10 @@ impl Job {
             if record.opinions.len() < before {
                 changes.push(Change::NodeJudged { job, node, record });
             }
+        }
+        if let (true, Some(first)) = (self.is_chain(), lost.iter().map(|node| node.first()).min()) {
+            changes.extend(self.forsake(first));
+            return changes;
         }
         for node in lost {
             changes.extend(self.verifiers(node).map(|lease| self.end_lease(lease.token)));
@@ -237,7 +244,7 @@ impl Farm {
             return Ok(Decision::new(Delivered::Repeated, changes));
         }
         let (reply, mut changes) = match job.deliver(delivery, self.is_chosen(job, delivery, now)) {
-            Err(Refusal::Conflict { .. }) if self.may_dispute(job, node, worker) => {
+            Err(Refusal::Conflict { .. }) if self.may_dispute(job, delivery) => {
                 let heard = job.hear(node, opinion, Some(delivery));
                 return Ok(Decision::new(Delivered::Disputed, self.execute(job.id(), heard, now)));
             }
@@ -250,8 +257,13 @@ impl Farm {
         Ok(Decision::new(reply, changes))
     }
 
-    /// Whether what a worker says against a node is heard: the node stands on its own, and the worker in good standing.
-    fn may_dispute(&self, job: &Job, node: NodeKey, worker: WorkerId) -> bool {
+    /// Whether what a worker says against a node is heard: the node stands on its own, and the worker in good standing. What
+    /// was rendered of a chain under a lease that has ended may have gone on from a node that was given up.
+    fn may_dispute(&self, job: &Job, delivery: &Delivery) -> bool {
+        let (node, worker) = (delivery.node, delivery.worker);
+        if job.is_chain() && job.lease(delivery.token, worker).is_err() {
+            return false;
+        }
         let Some(record) = job.nodes.get(&node).filter(|record| record.live && !record.verified) else {
             return false;
         };

@@ -2,10 +2,10 @@
 //! looked at. So no image is held in memory, and however slow or large one is, it keeps no other waiting.
 
 use super::ServiceError;
-use super::pixels::Pixels;
 use crate::store::{BlobStore, StagedBlob};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::node::{NodeError, NodeHeader};
+use photonfarm_proto::planes::Pixels;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 
 /// An image of which a part has arrived.
@@ -61,8 +61,8 @@ impl Arrival {
             let detail = format!("the node's image has hash {found}, announced was {announced}");
             return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());
         }
-        Ok(match self.pixels.bad {
-            Some(error) => Err(error.into()),
+        Ok(match self.pixels.bad() {
+            Some(error) => Err(error.clone().into()),
             None => Ok(self.staged),
         })
     }

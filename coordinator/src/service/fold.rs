@@ -7,7 +7,7 @@ use crate::scheduler::Job;
 use crate::store;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::{BlobHash, JobId};
-use photonfarm_proto::node::{NodeHeader, NodeKey};
+use photonfarm_proto::node::NodeKey;
 use std::sync::Arc;
 use tokio::runtime::Handle;
 
@@ -93,17 +93,10 @@ impl Service {
         let Some(job) = cell.farm.job(id) else { return Ok(None) };
         let merge = || {
             let key = job.next_merge()?;
-            let [width, height] = job.resolution()?;
-            let node = NodeHeader {
-                job: id,
-                key,
-                width,
-                height,
-            };
             let parts = job.parts(key)?.into_iter();
             let parts = parts.map(|part| Some((part, job.live_digest(part)?)));
             Some(Merge {
-                node,
+                node: job.header(key),
                 parts: parts.collect::<Option<_>>()?,
             })
         };
@@ -113,9 +106,12 @@ impl Service {
     pub(super) async fn child(
         self: &Arc<Self>,
         job: JobId,
-        node: (NodeKey, BlobHash),
+        (node, digest): (NodeKey, BlobHash),
     ) -> Result<Option<Node>, ServiceError> {
-        let resolution = self.fresh_farm().await?.farm.job(job).and_then(Job::resolution);
-        self.node(job, node, resolution).await
+        let header = self.fresh_farm().await?.farm.job(job).map(|job| job.header(node));
+        match header {
+            Some(header) => self.node(header, digest).await,
+            None => Ok(None),
+        }
     }
 }

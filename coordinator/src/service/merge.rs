@@ -1,9 +1,9 @@
 //! The images of nodes are added up as they are read, piece by piece: memory holds one image, however many are added.
 
-use super::pixels::Pixels;
 use crate::store::{BlobReader, BlobStore, StoreError};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::node::{NodeHeader, NodeKey};
+use photonfarm_proto::planes::{self, Pixels};
 use std::io::ErrorKind;
 use tokio::io::AsyncReadExt;
 
@@ -38,7 +38,7 @@ impl From<StoreError> for AddError {
     }
 }
 
-/// Makes the image of a node: the sum of its parts in the order of the tree, left plus right.
+/// Makes the image of a node: the sum of its parts in the order of the tree, left plus right, and the statistics of the last.
 ///
 /// Every part is held against its hash, its header and what pixels may be.
 pub(super) async fn add_up(store: &dyn BlobStore, merge: &Merge, image: &mut Vec<u8>) -> Result<(), AddError> {
@@ -51,18 +51,24 @@ pub(super) async fn add_up(store: &dyn BlobStore, merge: &Merge, image: &mut Vec
         parts.push(Part::open(store, NodeHeader { key, ..merge.node }, digest).await?);
     }
     let mut stack: Vec<(NodeKey, Vec<f32>)> = Vec::new();
-    for piece in rest.chunks_mut(PIECE) {
+    let (sums, statistics) = rest.split_at_mut(merge.node.image_bytes() as usize);
+    for piece in sums.chunks_mut(PIECE) {
         for part in &mut parts {
             let mut sum = (part.header.key, part.read(piece.len()).await?);
             while let Some((_, mut left)) = stack.pop_if(|(left, _)| sum.0 == left.sibling()) {
-                left.iter_mut().zip(&sum.1).for_each(|(left, right)| *left += right);
+                planes::add(&mut left, &sum.1);
                 sum = (sum.0.parent(), left);
             }
             stack.push(sum);
         }
         for (_, sum) in stack.drain(..) {
-            let values = piece.chunks_exact_mut(4).zip(sum);
-            values.for_each(|(bytes, value)| bytes.copy_from_slice(&value.to_le_bytes()));
+            planes::write(piece, &sum);
+        }
+    }
+    for piece in statistics.chunks_mut(PIECE) {
+        for part in &mut parts {
+            part.fill_from_planes(piece.len()).await?;
+            piece.copy_from_slice(&part.bytes);
         }
     }
     parts.into_iter().try_for_each(Part::end)
@@ -136,12 +142,17 @@ impl Part {
         Ok(())
     }
 
-    /// The values of the next `length` bytes of the planes.
-    async fn read(&mut self, length: usize) -> Result<Vec<f32>, AddError> {
+    /// Reads the next `length` bytes of the planes.
+    async fn fill_from_planes(&mut self, length: usize) -> Result<(), AddError> {
         self.fill(length).await?;
         self.pixels.look_at(&self.bytes);
-        let values = self.bytes.chunks_exact(4);
-        Ok(values.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+        Ok(())
+    }
+
+    /// The values of the next `length` bytes of the planes.
+    async fn read(&mut self, length: usize) -> Result<Vec<f32>, AddError> {
+        self.fill_from_planes(length).await?;
+        Ok(planes::values(&self.bytes))
     }
 
     fn end(self) -> Result<(), AddError> {
@@ -149,7 +160,7 @@ impl Part {
         if found != self.digest {
             return Err(self.unusable(format!("its image has hash {found}")));
         }
-        match &self.pixels.bad {
+        match self.pixels.bad() {
             Some(error) => Err(self.unusable(error.to_string())),
             None => Ok(()),
         }

@@ -9,7 +9,6 @@ mod jobs;
 mod merge;
 mod nodes;
 mod noise;
-mod pixels;
 mod shared;
 #[cfg(test)]
 mod shared_tests;

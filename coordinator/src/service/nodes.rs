@@ -6,31 +6,43 @@ use crate::store::StoreError;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::node::{self, NodeHeader, NodeKey};
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::worker::{StatisticsRequest, statistics_body};
 use std::sync::Arc;
 
 impl Service {
-    /// Reads the image of a node of the size that its job has. If it is missing, damaged or another's, its leaves go
+    /// Reads the image of a node, which is to have this header. If it is missing, damaged or another's, its leaves go
     /// back to the pool, and nothing is returned.
     pub(super) async fn node(
         self: &Arc<Self>,
-        job: JobId,
-        (key, digest): (NodeKey, BlobHash),
-        resolution: Option<[u32; 2]>,
+        header: NodeHeader,
+        digest: BlobHash,
     ) -> Result<Option<Node>, ServiceError> {
-        let [width, height] = resolution.unwrap_or_default();
-        let header = NodeHeader {
-            job,
-            key,
-            width,
-            height,
-        };
         match self.read_node(header, digest).await? {
             Ok(node) => Ok(Some(node)),
             Err(reason) => {
-                self.give_up(job, (key, digest), reason).await?;
+                self.give_up(header.job, (header.key, digest), reason).await?;
                 Ok(None)
             }
         }
+    }
+
+    /// What the iterations of a lease go on from, where the integrator is sequential.
+    pub(crate) async fn statistics(self: &Arc<Self>, request: StatisticsRequest) -> Result<Vec<u8>, ServiceError> {
+        let StatisticsRequest { token, worker, job } = request;
+        let _permit = self.uploads.acquire().await.map_err(|_| ServiceError::Stopping)?;
+        let find = move |farm: &Farm, _| farm.checkpoint_of(job, token, worker);
+        let node = match self.transact(find).await? {
+            Some((header, digest)) => self.node(header, digest).await?,
+            None => None,
+        };
+        let gone = || {
+            Problem::new(
+                ErrorCode::NotFound,
+                "an iteration before those of the lease is to be rendered again",
+            )
+        };
+        Ok(statistics_body(&node.ok_or_else(gone)?.statistics))
     }
 
     /// Gives up a node of which the image cannot be used: its leaves go back to the pool.

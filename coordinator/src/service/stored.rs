@@ -36,14 +36,13 @@ impl Service {
 
     /// A worker says that it has put a node to its place.
     pub(crate) async fn stored(self: &Arc<Self>, upload: NodeUpload) -> Result<Delivered, ServiceError> {
-        self.check_upload(&upload).await?;
+        let header = self.check_upload(&upload).await?;
         if self.would_count(&upload).await? == Delivered::Duplicate {
             return self.deliver(delivery(&upload, true)).await;
         }
         let service = self.clone();
         let task = async move {
             let publishing = service.publishing.read().await;
-            let header = upload.header();
             let bytes = NodeHeader::BYTES as u64 + header.plane_bytes();
             let adopted = service.stores.nodes.adopt(&name(&upload), upload.digest, bytes).await;
             adopted.map_err(not_there)?;

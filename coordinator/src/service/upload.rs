@@ -8,6 +8,7 @@ use crate::store::StagedBlob;
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt};
 use photonfarm_proto::codec;
+use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{NodeUpload, UPLOAD_FRAME_BYTES};
 use std::sync::Arc;
@@ -36,12 +37,12 @@ impl Service {
             return Err(Problem::new(ErrorCode::Malformed, detail).into());
         }
         let upload: NodeUpload = codec::decode(&body.take(length).await?)?;
-        self.check_upload(&upload).await?;
+        let header = self.check_upload(&upload).await?;
         if let Some(answer) = self.foresee(&upload).await {
             body.linger().await;
             return answer;
         }
-        let mut image = Arrival::begin(&*self.stores.nodes, &upload.header(), upload.digest).await?;
+        let mut image = Arrival::begin(&*self.stores.nodes, &header, upload.digest).await?;
         while let Some(piece) = body.next().await? {
             image.take(&piece).await?;
         }
@@ -66,8 +67,8 @@ impl Service {
         }
     }
 
-    /// Refuses what cannot count before any of it is read.
-    pub(super) async fn check_upload(self: &Arc<Self>, upload: &NodeUpload) -> Result<(), ServiceError> {
+    /// Refuses what cannot count before any of it is read. Replies with what precedes the planes of the image.
+    pub(super) async fn check_upload(self: &Arc<Self>, upload: &NodeUpload) -> Result<NodeHeader, ServiceError> {
         self.limits.check_resolution(upload.width, upload.height)?;
         if !upload.totals.is_valid() {
             return Err(Problem::new(ErrorCode::Invalid, "times and bandwidths are finite and not negative").into());
@@ -77,7 +78,7 @@ impl Service {
             let detail = format!("node {} lies beyond the job's iterations", upload.node);
             return Err(Problem::new(ErrorCode::Invalid, detail).into());
         }
-        Ok(())
+        Ok(upload.header(job.statistics_per_pixel()))
     }
 
     async fn accept(

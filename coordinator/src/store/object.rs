@@ -8,7 +8,8 @@ use super::{BlobReader, BlobStore, StagedBlob, StoreError};
 use crate::scheduler::record::Millis;
 use async_trait::async_trait;
 use axum::http::Method;
-use futures_util::{StreamExt, TryStreamExt};
+use futures_util::future::BoxFuture;
+use futures_util::{FutureExt, StreamExt, TryStreamExt};
 use object_store::aws::{AmazonS3, AmazonS3Builder};
 use object_store::path::{Path, PathPart};
 use object_store::signer::Signer;
@@ -50,11 +51,15 @@ impl ObjectBlobs {
     }
 
     /// As [`open`](Self::open), with variables of the caller's.
-    pub async fn open_with(
-        bucket: &str,
-        prefix: &str,
+    pub fn open_with<'a>(
+        bucket: &'a str,
+        prefix: &'a str,
         variables: impl Iterator<Item = (String, String)>,
-    ) -> Result<Self, StoreError> {
+    ) -> BoxFuture<'a, Result<Self, StoreError>> {
+        Self::connect(bucket, prefix, variables.collect()).boxed()
+    }
+
+    async fn connect(bucket: &str, prefix: &str, variables: Vec<(String, String)>) -> Result<Self, StoreError> {
         let place = format!("s3://{bucket}/{prefix}");
         let bad = |reason: String| StoreError::Foreign {
             place: place.clone(),
@@ -62,7 +67,7 @@ impl ObjectBlobs {
         };
         let mut builder = AmazonS3Builder::new();
         let mut plain = false;
-        for (name, value) in variables.filter(|(name, _)| name.starts_with("AWS_")) {
+        for (name, value) in variables.into_iter().filter(|(name, _)| name.starts_with("AWS_")) {
             if let Ok(key) = name.to_ascii_lowercase().parse() {
                 plain |= name.starts_with("AWS_ENDPOINT") && value.starts_with("http://");
                 builder = builder.with_config(key, value);

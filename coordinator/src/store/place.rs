@@ -1,6 +1,8 @@
 //! Where the stores are: URLs of the configuration.
 
 use super::{BlobStore, FolderStore, ObjectBlobs, PostgresStore, SqliteStore, StateStore, StoreError};
+use futures_util::FutureExt;
+use futures_util::future::BoxFuture;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -153,7 +155,11 @@ fn make_folder(path: &Path) -> Result<(), StoreError> {
 
 impl StatePlace {
     /// Opens the state, or makes it.
-    pub async fn open(&self) -> Result<Arc<dyn StateStore>, StoreError> {
+    pub fn open(&self) -> BoxFuture<'_, Result<Arc<dyn StateStore>, StoreError>> {
+        self.open_or_make().boxed()
+    }
+
+    async fn open_or_make(&self) -> Result<Arc<dyn StateStore>, StoreError> {
         match self {
             Self::Sqlite(path) => {
                 if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -171,7 +177,11 @@ impl StatePlace {
 impl BlobPlace {
     /// Opens the stores of scenes and of nodes, or makes them. If other coordinators may use them at the same time,
     /// they are `shared`.
-    pub async fn open(&self, shared: bool) -> Result<[Arc<dyn BlobStore>; 2], StoreError> {
+    pub fn open(&self, shared: bool) -> BoxFuture<'_, Result<[Arc<dyn BlobStore>; 2], StoreError>> {
+        self.open_or_make(shared).boxed()
+    }
+
+    async fn open_or_make(&self, shared: bool) -> Result<[Arc<dyn BlobStore>; 2], StoreError> {
         match self {
             Self::Folder(path) => {
                 make_folder(path)?;

@@ -19,13 +19,17 @@ pub struct Bandwidth {
     pub theta: f32,
 }
 
-/// Kernel sizes of iteration `iteration` (1, 2, ...); `None` for an integrator without kernels.
+/// Kernel sizes of iteration `iteration` (1, 2, ...), of `sppm` those of its first; `None` for an integrator without kernels.
 ///
 /// A `sigma1` that the settings leave open is [`automatic_sigma1`].
 #[must_use]
 pub fn bandwidth(scene: &Scene, settings: &IntegratorSettings, iteration: u32) -> Option<Bandwidth> {
     match settings {
         IntegratorSettings::Path(_) => None,
+        IntegratorSettings::Sppm(s) => Some(Bandwidth {
+            sigma: s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons)),
+            theta: std::f32::consts::PI,
+        }),
         IntegratorSettings::Pppm(s) => {
             let sigma1 = s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons));
             let ratio = schedule::pppm_radius_ratio(iteration, f64::from(s.alpha));

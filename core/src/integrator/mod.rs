@@ -6,9 +6,11 @@ mod light_path;
 mod path;
 pub mod pcf;
 mod pppm;
+mod sppm;
 mod vertex;
 
 pub use bandwidth::{Bandwidth, bandwidth};
+pub use sppm::radius_range;
 
 use crate::geometry::Ray;
 use crate::math::Vec2;
@@ -88,6 +90,9 @@ pub struct Iteration {
     pub pixels: Vec<Spectrum>,
     /// What it took.
     pub counts: Counts,
+    /// What a sequential integrator goes on from, [`IntegratorSettings::statistics_per_pixel`] values for each pixel in the
+    /// order of pixels; empty for the others.
+    pub statistics: Vec<f32>,
 }
 
 /// Why an iteration has no image.
@@ -99,6 +104,14 @@ pub enum RenderError {
     /// Settings that no image can be made with.
     #[error(transparent)]
     Setting(#[from] SettingError),
+    /// What a sequential integrator is to go on from cannot be what the iteration before left.
+    #[error("iteration {iteration}: {reason}")]
+    Statistics {
+        /// Iteration index.
+        iteration: u32,
+        /// In words.
+        reason: String,
+    },
     /// An estimate that is not finite or is negative: a defect of the renderer, never averaged in.
     #[error("iteration {iteration}: pixel ({x}, {y}) is not a finite, non-negative radiance")]
     BadPixel {
@@ -132,7 +145,8 @@ impl Job<'_> {
     }
 }
 
-/// Renders iteration `iteration` (1, 2, ...) of a job on the current rayon pool.
+/// Renders iteration `iteration` (1, 2, ...) of a job on the current rayon pool. Those of a sequential integrator after the
+/// first are rendered by [`render_next`].
 ///
 /// Pure: the same scene, settings, seed and iteration give the same bits with any number of threads.
 ///
@@ -145,7 +159,35 @@ pub fn render_iteration(
     iteration: u32,
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
+    render_next(scene, settings, seed, iteration, &[], observer)
+}
+
+/// Renders iteration `iteration` (1, 2, ...) of a job on the current rayon pool, going on from the statistics that the one before
+/// it left: none for the first iteration and where the integrator is not sequential.
+///
+/// Pure: the same scene, settings, seed, iteration and statistics give the same bits with any number of threads.
+///
+/// # Errors
+/// Settings out of range, statistics that cannot be, a cancelled observer, or a pixel that is not a radiance.
+pub fn render_next(
+    scene: &Scene,
+    settings: &IntegratorSettings,
+    seed: u64,
+    iteration: u32,
+    before: &[f32],
+    observer: &dyn Observer,
+) -> Result<Iteration, RenderError> {
     settings.validate()?;
+    if before.is_empty() == (settings.is_sequential() && iteration > 1) {
+        let reason = match before.is_empty() {
+            true => format!(
+                "{} goes on from the statistics of the iteration before it",
+                settings.name()
+            ),
+            false => "statistics are for iterations of a sequential integrator after the first".into(),
+        };
+        return Err(RenderError::Statistics { iteration, reason });
+    }
     let job = Job {
         scene,
         seed,
@@ -154,6 +196,7 @@ pub fn render_iteration(
     };
     let result = match (settings, bandwidth(scene, settings, iteration)) {
         (IntegratorSettings::Pppm(s), Some(bandwidth)) => pppm::render(&job, s, bandwidth.sigma, observer)?,
+        (IntegratorSettings::Sppm(s), Some(bandwidth)) => sppm::render(&job, s, bandwidth.sigma, before, observer)?,
         (IntegratorSettings::Pcf(s), Some(bandwidth)) => pcf::render(&job, s, bandwidth, observer)?,
         (IntegratorSettings::Path(s), None) => path::render(&job, s, observer)?,
         (_, bandwidth) => unreachable!("{settings:?} with {bandwidth:?}"),

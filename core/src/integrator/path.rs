@@ -13,5 +13,9 @@ pub(super) fn render(job: &Job, settings: &PathSettings, observer: &dyn Observer
             Visit::Walk
         })
     })?;
-    Ok(Iteration { pixels, counts })
+    Ok(Iteration {
+        pixels,
+        counts,
+        statistics: Vec::new(),
+    })
 }

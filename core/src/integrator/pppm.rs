@@ -8,7 +8,7 @@
 use super::camera_path::{self, Visit};
 use super::light_path::{LightPaths, batches};
 use super::vertex::Vertex;
-use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, render_pixels};
+use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
 use crate::map::{Reach, RecordMap, count_edges};
 use crate::math::{PI, sqr};
 use crate::settings::PppmSettings;
@@ -16,37 +16,79 @@ use crate::spectrum::Spectrum;
 use std::ops::Range;
 
 /// Renders an iteration with photons gathered within `radius` [scene units].
-///
-/// More light paths than a batch holds are worked through batch by batch, with the same camera paths: the image is the mean of
-/// the batches' images, weighted by their number of light paths.
 pub(super) fn render(
     job: &Job,
     settings: &PppmSettings,
     radius: f32,
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
-    let mut counts = Counts::default();
-    let mut pixels = vec![Spectrum::ZERO; job.pixel_count()];
-    for batch in batches(settings.photons) {
-        let share = batch.len() as f32 / settings.photons as f32;
-        let image = render_batch(job, settings, batch, radius, observer, &mut counts)?;
-        for (pixel, estimate) in pixels.iter_mut().zip(image) {
-            *pixel += estimate * share;
-        }
-    }
-    Ok(Iteration { pixels, counts })
+    let discs = Discs {
+        radius_of: |_| radius,
+        widest: radius,
+    };
+    let gathered = gather_image(job, settings, &discs, observer)?;
+    Ok(Iteration {
+        pixels: gathered.pixels,
+        counts: gathered.counts,
+        statistics: Vec::new(),
+    })
 }
 
-fn render_batch(
+/// The discs in which photons count, pixel by pixel.
+pub(super) struct Discs<F> {
+    /// Radius of a pixel's disc [scene units], by index from the top left.
+    pub(super) radius_of: F,
+    /// The largest of them [scene units].
+    pub(super) widest: f32,
+}
+
+/// An image by photons.
+pub(super) struct Gathered {
+    pub(super) pixels: Vec<Spectrum>,
+    /// Photons within the discs of each pixel, the mean over its camera paths.
+    pub(super) photons: Vec<f32>,
+    pub(super) counts: Counts,
+}
+
+/// Renders an image with photons gathered in a disc of each pixel's own.
+///
+/// More light paths than a batch holds are worked through batch by batch, with the same camera paths: the image is the mean of
+/// the batches' images, weighted by their number of light paths.
+pub(super) fn gather_image(
+    job: &Job,
+    settings: &PppmSettings,
+    discs: &Discs<impl Fn(usize) -> f32 + Sync>,
+    observer: &dyn Observer,
+) -> Result<Gathered, RenderError> {
+    let mut gathered = Gathered {
+        pixels: vec![Spectrum::ZERO; job.pixel_count()],
+        photons: vec![0.0; job.pixel_count()],
+        counts: Counts::default(),
+    };
+    for batch in batches(settings.photons) {
+        let share = batch.len() as f32 / settings.photons as f32;
+        let (sums, counted) = gather_batch(job, settings, batch, discs, observer, &mut gathered.counts)?;
+        let samples = settings.samples as usize;
+        let pixels = gathered.pixels.iter_mut().zip(&mut gathered.photons);
+        for (((pixel, photons), sum), counted) in pixels.zip(sums).zip(counted.chunks(samples)) {
+            *pixel += sum * (1.0 / samples as f32) * share;
+            *photons += counted.iter().sum::<u32>() as f32 / samples as f32;
+        }
+    }
+    Ok(gathered)
+}
+
+/// The sums of each pixel's camera paths, and the photons that each camera path counted.
+fn gather_batch(
     job: &Job,
     settings: &PppmSettings,
     batch: Range<u32>,
-    radius: f32,
+    discs: &Discs<impl Fn(usize) -> f32 + Sync>,
     observer: &dyn Observer,
     counts: &mut Counts,
-) -> Result<Vec<Spectrum>, RenderError> {
+) -> Result<(Vec<Spectrum>, Vec<u32>), RenderError> {
     let max_edges = edge_limit(settings.max_depth);
-    let scale = 1.0 / (batch.len() as f32 * PI * sqr(radius));
+    let light_paths = batch.len() as f32;
 
     observer.phase(Phase::TraceLight);
     let paths = LightPaths {
@@ -62,13 +104,16 @@ fn render_batch(
     })?;
 
     observer.phase(Phase::BuildMap);
-    let reach = Reach::new(radius, PI);
-    let map = RecordMap::build(photons, &reach, false);
+    let map = RecordMap::build(photons, &Reach::new(discs.widest, PI), false);
 
     observer.phase(Phase::TraceCamera);
-    render_pixels(job, settings.samples, observer, counts, |sample| {
+    let pixels = 0..job.pixel_count();
+    let (sums, counted) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, counted| {
         let counts = sample.counts;
-        camera_path::radiance(
+        let radius = (discs.radius_of)(sample.pixel);
+        let (reach, scale) = (Reach::new(radius, PI), 1.0 / (light_paths * PI * sqr(radius)));
+        let mut found = 0;
+        let radiance = camera_path::radiance(
             sample.tracer,
             sample.ray,
             sample.random,
@@ -78,14 +123,19 @@ fn render_batch(
                     return Visit::Walk;
                 }
                 let limit = count_edges(max_edges - edges);
-                Visit::AddAndEndAfterDirect(gather(&map, &reach, vertex, limit, counts) * scale)
+                let (sum, photons) = gather(&map, &reach, vertex, limit, counts);
+                found += photons;
+                Visit::AddAndEndAfterDirect(sum * scale)
             },
-        )
-    })
+        );
+        counted.push(found);
+        radiance
+    })?;
+    Ok((sums, counted.concat()))
 }
 
-/// `sum_j f(wo, w_j) Phi_j` over the photons in reach that came by at most `limit` edges.
-fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &mut Counts) -> Spectrum {
+/// `sum_j f(wo, w_j) Phi_j` over the photons in reach that came by at most `limit` edges, and their number.
+fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &mut Counts) -> (Spectrum, u32) {
     let mut sum = Spectrum::ZERO;
     let mut counted = 0;
     counts.records_read += map.query(vertex.point.position, reach, |photon| {
@@ -94,6 +144,6 @@ fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &m
             sum += vertex.eval(photon.direction()) * photon.weight();
         }
     });
-    counts.records_counted += counted;
-    sum
+    counts.records_counted += u64::from(counted);
+    (sum, counted)
 }

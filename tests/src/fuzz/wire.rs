@@ -9,8 +9,8 @@ use photonfarm_proto::node::{decode_node, encode_node};
 use photonfarm_proto::problem::Problem;
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_proto::worker::{
-    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodeReply, NodeUpload,
-    Register, Registered, Release,
+    Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
+    NodeUpload, Register, Registered, Release, StatisticsRequest, read_statistics, statistics_body,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -37,6 +37,12 @@ pub(super) fn message(bytes: &[u8]) {
     survives::<Release>(bytes);
     survives::<Acknowledged>(bytes);
     survives::<Leave>(bytes);
+    survives::<NodePlace>(bytes);
+    survives::<StatisticsRequest>(bytes);
+    let values = bytes.len().saturating_sub(32) / 4;
+    if let Some(statistics) = read_statistics(bytes, values) {
+        assert_eq!(statistics_body(&statistics), bytes);
+    }
 }
 
 /// The image of a node: what is read has the bits that were there.

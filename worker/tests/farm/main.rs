@@ -1,6 +1,7 @@
 //! Coordinator and workers in one process, over real connections: whatever happens, the image has the bits of a
 //! single process, and nothing is lost, counted twice or passed over in silence.
 
+mod chains;
 mod support;
 
 use photonfarm_proto::job::{FailureKind, JobState};

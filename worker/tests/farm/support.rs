@@ -6,7 +6,7 @@ use photonfarm_coordinator::{Config, Coordinator, open_stores};
 use photonfarm_core::film::{Image, Node};
 use photonfarm_core::integrator::{Counts, Iteration, Observer, Phase, RenderError};
 use photonfarm_core::picture::{DecodedExr, decode_exr};
-use photonfarm_core::settings::{IntegratorSettings, PppmSettings};
+use photonfarm_core::settings::{IntegratorSettings, PppmSettings, STATISTICS_PER_PIXEL};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_core::tree::Average;
 use photonfarm_proto::api::BundleReply;
@@ -17,6 +17,7 @@ use photonfarm_test_servers::S3;
 use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 use tempfile::TempDir;
@@ -86,6 +87,12 @@ pub(crate) fn pixels(seed: u64, iteration: u32) -> Vec<Spectrum> {
         .collect()
 }
 
+/// What an iteration of a sequential integrator leaves.
+fn statistics(iteration: u32) -> Vec<f32> {
+    let values = SIZE[0] as usize * SIZE[1] as usize * STATISTICS_PER_PIXEL;
+    (0..values).map(|n| iteration as f32 + n as f32 * 1e-3).collect()
+}
+
 /// What one process and one thread would give.
 pub(crate) fn reference(seed: u64, iterations: impl IntoIterator<Item = u32>) -> Image {
     let mut average = Average::default();
@@ -121,17 +128,21 @@ impl LoadedScene for DoubleScene {
         SIZE
     }
 
-    fn bandwidth(&self, _: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange> {
+    fn bandwidth(&self, _: &IntegratorSettings, iteration: u32, _: &[f32]) -> Option<BandwidthRange> {
         Some(BandwidthRange::one(1.0 / iteration as f32, None))
     }
 
     fn render(
         &self,
-        _: &IntegratorSettings,
+        settings: &IntegratorSettings,
         seed: u64,
         iteration: u32,
+        before: &[f32],
         observer: &dyn Observer,
     ) -> Result<Iteration, RenderError> {
+        let goes_on = settings.is_sequential() && iteration > 1;
+        let expected = if goes_on { statistics(iteration - 1) } else { vec![] };
+        assert_eq!(before, expected, "iteration {iteration} goes on from another one");
         self.0.begun.send_modify(|begun| begun.push(iteration));
         observer.phase(Phase::TraceCamera);
         self.0.pass(iteration, observer)?;
@@ -149,7 +160,15 @@ impl LoadedScene for DoubleScene {
             light_paths: 1,
             ..Counts::default()
         };
-        Ok(Iteration { pixels, counts })
+        let statistics = match settings.is_sequential() {
+            true => statistics(iteration),
+            false => vec![],
+        };
+        Ok(Iteration {
+            pixels,
+            counts,
+            statistics,
+        })
     }
 }
 
@@ -181,6 +200,22 @@ impl Farm {
         };
         farm.resume().await;
         farm
+    }
+
+    /// The files with the images of nodes.
+    pub(crate) fn node_files(&self) -> Vec<PathBuf> {
+        let folders = std::fs::read_dir(self.folder.path().join("data/nodes")).unwrap();
+        let inner = folders.flat_map(|entry| {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => std::fs::read_dir(path)
+                    .unwrap()
+                    .map(|entry| entry.unwrap().path())
+                    .collect(),
+                false => vec![path],
+            }
+        });
+        inner.filter(|path| path.is_file()).collect()
     }
 
     pub(crate) fn config(&self) -> Config {
@@ -224,6 +259,17 @@ impl Farm {
     }
 
     pub(crate) async fn submit(&self, scene: &[u8], iterations: u32) -> JobId {
+        let integrator = IntegratorSettings::Pppm(PppmSettings::default());
+        self.submit_with(integrator, scene, iterations).await
+    }
+
+    /// Submits a job of which every iteration goes on from the one before.
+    pub(crate) async fn submit_chain(&self, iterations: u32) -> JobId {
+        let integrator = IntegratorSettings::Sppm(PppmSettings::default());
+        self.submit_with(integrator, b"good", iterations).await
+    }
+
+    async fn submit_with(&self, integrator: IntegratorSettings, scene: &[u8], iterations: u32) -> JobId {
         let files = [("scene.xml".to_owned(), FileEntry::of(scene))].into();
         let bundle = self
             .http
@@ -248,7 +294,7 @@ impl Farm {
             scene: bundle,
             main: "scene.xml".into(),
             defines: BTreeMap::new(),
-            integrator: IntegratorSettings::Pppm(PppmSettings::default()),
+            integrator,
             iterations,
             seed: SEED,
             schedule: Default::default(),

@@ -72,6 +72,7 @@ fn histories_contain_what_they_are_about() {
         reopened,
         lies_that_counted,
         poisoned,
+        links,
     } = seen;
     let counts = [
         verdicts,
@@ -81,6 +82,7 @@ fn histories_contain_what_they_are_about() {
         reopened,
         lies_that_counted,
         poisoned,
+        links,
     ];
     assert!(counts.iter().all(|count| *count > 0), "{counts:?}");
 }

@@ -5,8 +5,8 @@ mod model;
 
 use super::*;
 use crate::store::memory::Rows;
-use model::{Random, added_up, honest, lie, noise};
-use photonfarm_core::settings::{IntegratorSettings, PathSettings};
+use model::{Random, added_up, honest, lie, links, mix, noise, statistics, word};
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, PppmSettings};
 use photonfarm_proto::schedule::Schedule;
 use record::{JobRecord, NodeRecord};
 use std::collections::BTreeSet;
@@ -55,6 +55,8 @@ pub(super) struct Seen {
     pub(super) reopened: u64,
     pub(super) lies_that_counted: u64,
     pub(super) poisoned: u64,
+    /// Leases of chains that go on from something.
+    pub(super) links: u64,
 }
 
 impl Seen {
@@ -66,6 +68,7 @@ impl Seen {
         self.reopened += other.reopened;
         self.lies_that_counted += other.lies_that_counted;
         self.poisoned += other.poisoned;
+        self.links += other.links;
     }
 }
 
@@ -81,6 +84,10 @@ pub(super) struct World {
     dishonest: BTreeSet<WorkerId>,
     by_hand: BTreeSet<WorkerId>,
     post: Vec<Letter>,
+    /// What leases of chains go on from, as their workers fetched it.
+    fetched: BTreeMap<LeaseToken, u64>,
+    /// What goes on from images that are not as they should be.
+    after: BTreeMap<BlobHash, u64>,
     cursed: BTreeSet<(JobId, u32)>,
     highest_token: u64,
     names: u64,
@@ -113,6 +120,8 @@ impl World {
             dishonest: BTreeSet::new(),
             by_hand: BTreeSet::new(),
             post: Vec::new(),
+            fetched: BTreeMap::new(),
+            after: BTreeMap::new(),
             cursed: BTreeSet::new(),
             highest_token: 0,
             names: 0,
@@ -148,7 +157,10 @@ impl World {
             scene: BlobHash([7; 32]),
             main: "scene.xml".into(),
             defines: Default::default(),
-            integrator: IntegratorSettings::Path(PathSettings::default()),
+            integrator: match self.random.chance(30) {
+                true => IntegratorSettings::Sppm(PppmSettings::default()),
+                false => IntegratorSettings::Path(PathSettings::default()),
+            },
             iterations,
             seed: 0,
             schedule,
@@ -242,7 +254,11 @@ impl World {
     fn fold(&mut self, id: JobId) {
         loop {
             while let Some(node) = self.farm.job(id).and_then(Job::next_merge) {
-                let digest = added_up(self.farm.job(id).unwrap(), node);
+                let job = self.farm.job(id).unwrap();
+                let digest = added_up(job, node);
+                let (last, of_last) = job.live_nodes().find(|(last, _)| last.end() == node.end()).unwrap();
+                let after = self.statistics_after(id, last, of_last);
+                self.after.insert(digest, after);
                 if self.transact(self.farm.merge(id, node, digest)).is_none() {
                     return;
                 }
@@ -405,8 +421,34 @@ impl World {
         if let Some(Some(lease)) = self.transact(decision)
             && !lost
         {
+            if self.random.chance(50) {
+                self.fetch(&lease);
+            }
             self.hands.get_mut(&worker).unwrap().leases.push(lease);
         }
+    }
+
+    /// What goes on from the image of a node.
+    fn statistics_after(&self, job: JobId, node: NodeKey, digest: BlobHash) -> u64 {
+        match digest == honest(job, node) {
+            true => statistics(job, node.end()),
+            false => self.after[&digest],
+        }
+    }
+
+    /// A worker fetches what its lease goes on from; nothing if that was given up.
+    fn fetch(&mut self, lease: &LeaseRecord) -> Option<u64> {
+        let (job, token) = (lease.job, lease.token);
+        if !self.rows.jobs[&job].head.spec.integrator.is_sequential() || lease.node.first() == 0 {
+            return Some(statistics(job, 0));
+        }
+        if let Some(known) = self.fetched.get(&token) {
+            return Some(*known);
+        }
+        let (header, digest) = self.farm.checkpoint_of(job, token, lease.worker).ok()?.reply?;
+        let found = self.statistics_after(job, header.key, digest);
+        self.fetched.insert(token, found);
+        Some(found)
     }
 
     fn finish_work(&mut self) {
@@ -423,6 +465,10 @@ impl World {
         }
         let kind = hand.kind;
         let lease = hand.leases.remove(self.random.below(hand.leases.len() as u64) as usize);
+        let Some(mut before) = self.fetch(&lease) else {
+            return self.post.push(Letter::Release(lease));
+        };
+        let is_chain = self.rows.jobs[&lease.job].head.spec.integrator.is_sequential();
         let lies = kind == Kind::Liar && self.random.chance(60);
         let cursed = |leaf: &u64| self.cursed.contains(&(lease.job, *leaf as u32));
         let mut bad = (lease.node.first()..lease.node.end()).find(cursed).filter(|_| !lies);
@@ -433,12 +479,18 @@ impl World {
             let drained = self.kills && self.random.chance(20);
             drained.then(|| lease.node.first() + self.random.below(lease.node.leaves()))
         });
-        let render = |node: NodeKey| {
-            let digest = if lies {
-                lie(worker, lease.job, node)
-            } else {
-                honest(lease.job, node)
+        let after = &mut self.after;
+        let mut render = |node: NodeKey| {
+            let digest = match (lies, is_chain) {
+                (true, _) => lie(worker, lease.job, node),
+                (false, true) => links(lease.job, node, before).0,
+                (false, false) => honest(lease.job, node),
             };
+            before = match lies {
+                true => mix(word(digest)),
+                false => links(lease.job, node, before).1,
+            };
+            after.insert(digest, before);
             Letter::Node(Delivery {
                 digest,
                 ..delivery(&lease, node)

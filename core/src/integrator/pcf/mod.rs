@@ -69,7 +69,11 @@ fn render_culling(
         )?;
         pixels.extend(pass.finish(observer, culling, &mut counts)?);
     }
-    Ok(Iteration { pixels, counts })
+    Ok(Iteration {
+        pixels,
+        counts,
+        statistics: Vec::new(),
+    })
 }
 
 /// A range of pixels, once their camera paths have been traced.

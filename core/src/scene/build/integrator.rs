@@ -8,14 +8,13 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value as Json};
 
 /// Integrators of Mitsuba of which only `max_depth` is read.
-const OTHERS: [&str; 18] = [
+const OTHERS: [&str; 17] = [
     "direct",
     "ptracer",
     "volpath",
     "volpathmis",
     "volpath_simple",
     "bdpt",
-    "sppm",
     "ppm",
     "photonmapper",
     "pssmlt",
@@ -49,6 +48,13 @@ pub(super) fn build(
             let settings: PppmSettings = settings(&reader, &names)?;
             Some(IntegratorSettings::Pppm(PppmSettings { max_depth, ..settings }))
         }
+        // A plugin of Mitsuba 0.6 as well: its settings of other names are left out.
+        "sppm" => {
+            let names = ["photons", "samples", "sampling", "alpha", "sigma1"];
+            let settings: PppmSettings = settings(&reader, &names)?;
+            reader.accept_rest();
+            Some(IntegratorSettings::Sppm(PppmSettings { max_depth, ..settings }))
+        }
         "pcf" => {
             let names = [
                 "photons",
@@ -75,7 +81,7 @@ pub(super) fn build(
             None
         }
         _ => {
-            let allowed: Vec<&str> = ["path", "pppm", "pcf"].into_iter().chain(OTHERS).collect();
+            let allowed: Vec<&str> = ["path", "pppm", "sppm", "pcf"].into_iter().chain(OTHERS).collect();
             return Err(reader.unknown_type(&allowed));
         }
     };

@@ -30,8 +30,8 @@ impl LoadedScene for LyingScene {
         self.0.resolution()
     }
 
-    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32) -> Option<BandwidthRange> {
-        self.0.bandwidth(settings, iteration)
+    fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {
+        self.0.bandwidth(settings, iteration, before)
     }
 
     fn render(
@@ -39,9 +39,10 @@ impl LoadedScene for LyingScene {
         settings: &IntegratorSettings,
         seed: u64,
         iteration: u32,
+        before: &[f32],
         observer: &dyn Observer,
     ) -> Result<Iteration, RenderError> {
-        let mut rendered = self.0.render(settings, seed, iteration, observer)?;
+        let mut rendered = self.0.render(settings, seed, iteration, before, observer)?;
         rendered.pixels[0] = Spectrum::splat(0.5);
         Ok(rendered)
     }

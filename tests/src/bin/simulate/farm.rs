@@ -132,6 +132,7 @@ impl Farm {
             key: lease.node,
             width: planes.width,
             height: planes.height,
+            statistics: 0,
         };
         let bytes = planes.bytes.clone();
         let digest = tokio::task::spawn_blocking(move || {

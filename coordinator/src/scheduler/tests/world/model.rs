@@ -65,6 +65,30 @@ pub(super) fn honest(job: JobId, node: NodeKey) -> BlobHash {
     }
 }
 
+/// What a chain goes on from before a leaf, if all was rendered as it should be.
+pub(super) fn statistics(job: JobId, leaf: u64) -> u64 {
+    word(hash(job.0, leaf, 5))
+}
+
+/// A leaf of a chain that goes on from `before`: its digest, and what the next one goes on from.
+fn link(job: JobId, leaf: u64, before: u64) -> (BlobHash, u64) {
+    if before == statistics(job, leaf) {
+        return (honest(job, NodeKey::leaf(leaf as u32)), statistics(job, leaf + 1));
+    }
+    let digest = hash(job.0 ^ before, leaf, 4);
+    (digest, mix(word(digest)))
+}
+
+/// A node of a chain that goes on from `before`.
+pub(super) fn links(job: JobId, node: NodeKey, before: u64) -> (BlobHash, u64) {
+    let Some([left, right]) = node.children() else {
+        return link(job, node.first(), before);
+    };
+    let (left, before) = links(job, left, before);
+    let (right, after) = links(job, right, before);
+    (sum(left, right), after)
+}
+
 /// No two lies are the same.
 pub(super) fn lie(worker: WorkerId, job: JobId, node: NodeKey) -> BlobHash {
     hash(

@@ -1,28 +1,56 @@
-//! What the pixels of an image may be, told as it comes in pieces: none is negative or not finite.
+//! The planes of a node's image in pieces, as they arrive or are read: what their values may be, and their sums.
 
+use crate::node::NodeHeader;
 use photonfarm_core::film::FilmError;
 use photonfarm_core::spectrum::CHANNELS;
-use photonfarm_proto::node::NodeHeader;
 
-/// Looks at planes of values.
-pub(super) struct Pixels {
+/// The values of little-endian bytes.
+#[must_use]
+pub fn values(bytes: &[u8]) -> Vec<f32> {
+    let (values, _) = bytes.as_chunks();
+    values.iter().map(|value| f32::from_le_bytes(*value)).collect()
+}
+
+/// Adds values to others.
+pub fn add(to: &mut [f32], values: &[f32]) {
+    to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
+}
+
+/// Writes values as little-endian bytes.
+pub fn write(to: &mut [u8], values: &[f32]) {
+    let (to, _) = to.as_chunks_mut();
+    to.iter_mut()
+        .zip(values)
+        .for_each(|(to, value)| *to = value.to_le_bytes());
+}
+
+/// Looks at planes of values, piece by piece: none is negative or not finite.
+#[derive(Debug)]
+pub struct Pixels {
     width: u64,
-    /// Values of the plane of sums.
+    /// Values of the plane of sums, and of that and the plane of squares.
     sums: u64,
+    image: u64,
+    /// Statistics of each pixel.
+    statistics: u64,
     /// Values seen.
     seen: u64,
     /// The first bytes of a value of which the others have not come.
     part: Vec<u8>,
     /// The first value that cannot be.
-    pub(super) bad: Option<FilmError>,
+    bad: Option<FilmError>,
 }
 
 impl Pixels {
-    pub(super) fn of(header: &NodeHeader) -> Self {
+    /// For planes that follow this header.
+    #[must_use]
+    pub fn of(header: &NodeHeader) -> Self {
         let width = u64::from(header.width);
         Self {
             width,
             sums: width * u64::from(header.height) * CHANNELS as u64,
+            image: header.image_bytes() / 4,
+            statistics: header.statistics.into(),
             seen: 0,
             part: Vec::with_capacity(4),
             bad: None,
@@ -30,7 +58,7 @@ impl Pixels {
     }
 
     /// Looks at the next bytes.
-    pub(super) fn look_at(&mut self, mut piece: &[u8]) {
+    pub fn look_at(&mut self, mut piece: &[u8]) {
         if !self.part.is_empty() {
             let (end, rest) = piece.split_at(piece.len().min(4 - self.part.len()));
             self.part.extend_from_slice(end);
@@ -43,6 +71,12 @@ impl Pixels {
         let (whole, rest) = piece.split_at(piece.len() / 4 * 4);
         self.look_at_values(whole);
         self.part.extend_from_slice(rest);
+    }
+
+    /// The first value that cannot be.
+    #[must_use]
+    pub fn bad(&self) -> Option<&FilmError> {
+        self.bad.as_ref()
     }
 
     fn look_at_values(&mut self, bytes: &[u8]) {
@@ -58,7 +92,11 @@ impl Pixels {
                 .find(|(_, value)| !can_be(*value))
                 .map(|(index, value)| {
                     let at = self.seen + index as u64;
-                    let pixel = at.checked_sub(self.sums).unwrap_or(at / CHANNELS as u64);
+                    let pixel = match at {
+                        _ if at < self.sums => at / CHANNELS as u64,
+                        _ if at < self.image => at - self.sums,
+                        _ => (at - self.image) / self.statistics,
+                    };
                     FilmError::Pixel {
                         x: (pixel % self.width) as u32,
                         y: (pixel / self.width) as u32,
@@ -73,8 +111,8 @@ impl Pixels {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_proto::id::JobId;
-    use photonfarm_proto::node::{NodeKey, decode_node};
+    use crate::id::JobId;
+    use crate::node::{NodeKey, decode_node};
 
     /// What is found in planes that come in pieces of `length` bytes.
     fn found(header: &NodeHeader, planes: &[u8], length: usize) -> Option<String> {
@@ -86,11 +124,16 @@ mod tests {
 
     #[test]
     fn a_bad_value_is_found_where_it_is_whatever_the_pieces() {
+        [0, 2].into_iter().for_each(check_bad_values);
+    }
+
+    fn check_bad_values(statistics: u16) {
         let header = NodeHeader {
             job: JobId(1),
             key: NodeKey::leaf(0),
             width: 3,
             height: 2,
+            statistics,
         };
         let values = (header.plane_bytes() / 4) as usize;
         for bad in [f32::NAN, f32::INFINITY, -1.0] {
