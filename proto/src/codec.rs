@@ -27,7 +27,7 @@ pub trait Message: Serialize + DeserializeOwned {
 }
 
 /// Why bytes are not the message expected.
-#[derive(Debug, Error)]
+#[derive(Debug, Error, PartialEq, Eq)]
 pub enum CodecError {
     /// Fewer bytes than a frame has.
     #[error("the message is cut short")]
@@ -160,10 +160,11 @@ mod tests {
             })
         ));
         let mut newer = bytes.clone();
-        newer[4] = 3;
+        newer[4] = PROTOCOL_VERSION as u8 + 1;
         let error = decode::<Sample>(&newer).unwrap_err();
-        assert!(matches!(error, CodecError::Version { found: 3 }));
-        assert!(error.to_string().contains("version 3"));
+        let found = PROTOCOL_VERSION + 1;
+        assert_eq!(error, CodecError::Version { found });
+        assert!(error.to_string().contains(&format!("version {found}")));
         let mut http = bytes.clone();
         http[..4].copy_from_slice(b"<htm");
         assert!(matches!(decode::<Sample>(&http), Err(CodecError::Magic)));
