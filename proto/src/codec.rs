@@ -27,7 +27,7 @@ pub trait Message: Serialize + DeserializeOwned {
 }
 
 /// Why bytes are not the message expected.
-#[derive(Debug, Error, PartialEq, Eq)]
+#[derive(Debug, Error)]
 pub enum CodecError {
     /// Fewer bytes than a frame has.
     #[error("the message is cut short")]
@@ -163,7 +163,7 @@ mod tests {
         newer[4] = PROTOCOL_VERSION as u8 + 1;
         let error = decode::<Sample>(&newer).unwrap_err();
         let found = PROTOCOL_VERSION + 1;
-        assert_eq!(error, CodecError::Version { found });
+        assert!(matches!(error, CodecError::Version { found: other } if other == found));
         assert!(error.to_string().contains(&format!("version {found}")));
         let mut http = bytes.clone();
         http[..4].copy_from_slice(b"<htm");

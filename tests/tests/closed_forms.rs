@@ -3,7 +3,7 @@
 //! The mean of the image over many iterations is compared with the closed form by a z-test with false-alarm rate
 //! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
 
-use photonfarm_core::integrator::{Unobserved, render_iteration};
+use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::{Limits, Scene};
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
@@ -33,8 +33,10 @@ fn load(shapes: &str, fov: f32, origin: &str, target: &str) -> Scene {
 /// Holds the mean radiance of the image against `expected`, which the kernels' bias may miss by the share `bias`.
 fn check(scene: &Scene, settings: &IntegratorSettings, iterations: u32, expected: f64, bias: f64) {
     let mut moments = Moments::default();
+    let mut statistics = Vec::new();
     for i in 1..=iterations {
-        let image = render_iteration(scene, settings, 11, i, &Unobserved).expect("the iteration renders");
+        let image = render_next(scene, settings, 11, i, &statistics, &Unobserved).expect("the iteration renders");
+        statistics = image.statistics;
         let sum: f64 = image.pixels.iter().map(|p| f64::from(p.luminance())).sum();
         moments.push(&[sum / image.pixels.len() as f64]);
     }
@@ -58,16 +60,25 @@ fn path(max_depth: Option<u32>) -> IntegratorSettings {
     })
 }
 
-fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
-    let sigma1 = Some(sigma1);
-    IntegratorSettings::Pppm(PppmSettings {
+fn by_photons(sigma1: f32, max_depth: Option<u32>) -> PppmSettings {
+    PppmSettings {
         photons: 20_000,
         samples: 4,
         sampling: Sampling::Independent,
-        sigma1,
+        sigma1: Some(sigma1),
         max_depth,
         ..Default::default()
-    })
+    }
+}
+
+fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
+    IntegratorSettings::Pppm(by_photons(sigma1, max_depth))
+}
+
+/// Its iterations go on from each other, but given the radius each has the mean that it would have alone, so that their mean is
+/// compared as if they were independent (a martingale).
+fn sppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
+    IntegratorSettings::Sppm(by_photons(sigma1, max_depth))
 }
 
 fn pcf(sigma1: f32, photons: u32, max_depth: Option<u32>) -> IntegratorSettings {
@@ -95,6 +106,7 @@ fn uniform_sphere() {
     let scene = load(shapes, 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
     check(&scene, &path(None), 64, 2.0, 0.0);
     check(&scene, &pppm(0.1, None), 64, 2.0, 0.01);
+    check(&scene, &sppm(0.1, None), 64, 2.0, 0.01);
     check(&scene, &pcf(0.1, 20_000, None), 64, 2.0, 0.01);
 }
 
@@ -117,5 +129,6 @@ fn floor_under_a_disc() {
     let expected = 0.6 * 3.0 * 0.25 / 1.25;
     check(&scene, &path(Some(2)), 64, expected, 0.0);
     check(&scene, &pppm(0.05, Some(2)), 64, expected, 0.0);
+    check(&scene, &sppm(0.05, Some(2)), 64, expected, 0.0);
     check(&scene, &pcf(0.05, 400_000, Some(2)), 64, expected, 0.01);
 }

@@ -1,7 +1,8 @@
 //! A farm that asks for tokens and encrypts its connections, by its real programs.
 
 use photonfarm_proto::token::Role;
-use photonfarm_tests::processes::{Process, photonfarm, scene, serve};
+use photonfarm_test_servers::Postgres;
+use photonfarm_tests::processes::{Launch, Process, photonfarm, scene, serve};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -176,4 +177,31 @@ fn a_worker_without_a_valid_token_says_why() {
         !status.success() && errors.contains("`worker`") && errors.contains("Bearer"),
         "{errors}"
     );
+}
+
+/// PostgreSQL here refuses TCP connections that are not encrypted.
+#[test]
+fn connections_to_postgres_are_encrypted_where_the_url_asks_for_it_and_only_to_whom_the_system_trusts() {
+    let ground = Ground::new();
+    let read = |name| std::fs::read_to_string(ground.path(name)).unwrap();
+    let cluster = Postgres::start();
+    let database = cluster.database();
+    let database = database.split(['/', '?']).nth(3).unwrap();
+    let port = cluster.encrypt(&read("farm.pem"), &read("farm.key"));
+    let place = |mode: &str| format!("postgres://photonfarm@127.0.0.1:{port}/{database}?sslmode={mode}");
+    let make = |name: &str, mode: &str, trusted: &str| {
+        let launch = Launch::with(&[("SSL_CERT_FILE", ground.name(trusted))]);
+        let arguments = ["token", "create", name, "--role", "admin", "--state", &place(mode)];
+        launch.command("photonfarm", &arguments).output().unwrap()
+    };
+    let other = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
+    std::fs::write(ground.path("other.pem"), other.cert.pem()).unwrap();
+
+    refused(&make("ann", "prefer", "farm.pem"), &["no encryption"]);
+    refused(&make("ann", "disable", "farm.pem"), &["no encryption"]);
+    refused(&make("ann", "require", "other.pem"), &["certificate"]);
+    refused(&make("ann", "require", "missing.pem"), &["SSL_CERT_FILE"]);
+    let made = make("ann", "require", "farm.pem");
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    refused(&make("ann", "require", "farm.pem"), &["ann"]);
 }

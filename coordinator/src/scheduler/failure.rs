@@ -29,11 +29,16 @@ impl Job {
         let job = self.id();
         match attempt.kind {
             FailureKind::Lost => Err(Refusal::Invalid("a worker cannot report itself lost".into())),
-            FailureKind::Scene => Ok(vec![]),
-            FailureKind::Render | FailureKind::Panic => {
+            FailureKind::Scene | FailureKind::Render | FailureKind::Panic => {
                 Ok(vec![Change::LeafFailed { job, leaf, attempt }, self.end_lease(token)])
             }
         }
+    }
+
+    /// Whether a worker has found a fault of the scene.
+    pub(super) fn was_found_broken_by(&self, worker: WorkerId) -> bool {
+        let mut attempts = self.failures.values().flatten();
+        attempts.any(|attempt| attempt.kind == FailureKind::Scene && attempt.worker == worker)
     }
 
     /// The workers whose reported failures lie within a node, each once.

@@ -285,7 +285,8 @@ impl Farm {
         Decision::new(id, vec![Change::JobSubmitted(head)])
     }
 
-    /// A worker could not render a leaf. A fault of the scene ends the job at once.
+    /// A worker could not render a leaf. A fault of the scene ends the job once two workers have found one, or the only one
+    /// that is there.
     pub fn fail(
         &self,
         job: JobId,
@@ -300,9 +301,14 @@ impl Farm {
         {
             return Ok(Decision::new((), self.hear_failure(live, &lease.record, now)));
         }
-        let (kind, message) = (attempt.kind, attempt.message.clone());
+        let Attempt {
+            worker, kind, message, ..
+        } = attempt.clone();
         let mut changes = live.fail(token, leaf, attempt)?;
-        if kind == FailureKind::Scene {
+        let others = || self.workers.keys().filter(|other| **other != worker);
+        let agrees = |other: &WorkerId| live.was_found_broken_by(*other) && !self.workers[other].is_held();
+        let alone = || self.workers_for(live, now).all(|other| other == worker);
+        if kind == FailureKind::Scene && (others().any(agrees) || alone()) {
             let failure = Some(message);
             changes.push(Change::JobEnded {
                 job,

@@ -11,7 +11,6 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 /// An image of which a part has arrived.
 pub(super) struct Arrival {
     staged: Box<dyn StagedBlob>,
-    hasher: blake3::Hasher,
     announced: BlobHash,
     /// Bytes to come.
     left: u64,
@@ -26,13 +25,9 @@ impl Arrival {
         announced: BlobHash,
     ) -> Result<Self, ServiceError> {
         let mut staged = store.stage(announced).await?;
-        let head = header.to_bytes();
-        staged.write(&head).await?;
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(&head);
+        staged.write(&header.to_bytes()).await?;
         Ok(Self {
             staged,
-            hasher,
             announced,
             left: header.plane_bytes(),
             pixels: Pixels::of(header),
@@ -44,7 +39,6 @@ impl Arrival {
         let left = self.left.checked_sub(piece.len() as u64);
         self.left = left.ok_or_else(|| Problem::new(ErrorCode::Malformed, "bytes follow the node's image"))?;
         self.pixels.look_at(piece);
-        self.hasher.update(piece);
         Ok(self.staged.write(piece).await?)
     }
 
@@ -56,7 +50,7 @@ impl Arrival {
         if self.left > 0 {
             return Err(too_short());
         }
-        let (found, announced) = (BlobHash::from(self.hasher.finalize()), self.announced);
+        let (found, announced) = (self.staged.hash(), self.announced);
         if found != announced {
             let detail = format!("the node's image has hash {found}, announced was {announced}");
             return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());

@@ -199,15 +199,19 @@ impl StagedBlob for StagedFile {
         self.file.write_all(bytes).await.map_err(io(&self.guard.0))
     }
 
+    fn hash(&self) -> BlobHash {
+        self.hasher.finalize().into()
+    }
+
     async fn publish(self: Box<Self>) -> Result<(), StoreError> {
+        let found = self.hash();
         let Self {
             store,
             mut file,
             guard,
             expected,
-            hasher,
+            ..
         } = *self;
-        let found = hasher.finalize().into();
         if found != expected {
             return Err(StoreError::WrongHash { expected, found });
         }

@@ -14,6 +14,7 @@ mod postgres;
 mod postgres_schema;
 #[cfg(test)]
 mod postgres_tests;
+mod postgres_tls;
 mod sql;
 mod sql_changes;
 mod sqlite;
@@ -283,6 +284,8 @@ pub type BlobReader = Box<dyn tokio::io::AsyncRead + Send + Unpin>;
 pub trait StagedBlob: Send {
     /// Appends bytes.
     async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError>;
+    /// The hash of the bytes written so far.
+    fn hash(&self) -> BlobHash;
     /// Makes the bytes durable and visible, if they have the hash announced.
     async fn publish(self: Box<Self>) -> Result<(), StoreError>;
 }

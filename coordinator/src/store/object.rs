@@ -302,8 +302,12 @@ impl StagedBlob for StagedObject {
         Ok(())
     }
 
+    fn hash(&self) -> BlobHash {
+        self.hasher.finalize().into()
+    }
+
     async fn publish(mut self: Box<Self>) -> Result<(), StoreError> {
-        let (expected, found) = (self.expected, self.hasher.finalize().into());
+        let (expected, found) = (self.expected, self.hash());
         if found != expected {
             return Err(StoreError::WrongHash { expected, found });
         }

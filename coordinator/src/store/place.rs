@@ -8,14 +8,15 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 use thiserror::Error;
-use tokio_postgres::config::{Host, SslMode};
+use tokio_postgres::config::Host;
 
 /// Where the state is.
 #[derive(Clone, PartialEq, Eq)]
 pub enum StatePlace {
     /// `sqlite:PATH`: a file, for one coordinator.
     Sqlite(PathBuf),
-    /// `postgres://USER:PASSWORD@HOST:PORT/DATABASE`: a database that several coordinators share.
+    /// `postgres://USER:PASSWORD@HOST:PORT/DATABASE`: a database that several coordinators share; with `?sslmode=require` over
+    /// encrypted connections.
     Postgres(Box<tokio_postgres::Config>),
 }
 
@@ -66,10 +67,6 @@ impl FromStr for StatePlace {
         match url.split_once(':') {
             Some(("sqlite", rest)) => path(url, rest).map(Self::Sqlite),
             Some(("postgres" | "postgresql", _)) => match url.parse::<tokio_postgres::Config>() {
-                Ok(config) if config.get_ssl_mode() == SslMode::Require => error(
-                    "postgres:",
-                    "connections to PostgreSQL are not encrypted: use a private network or a tunnel",
-                ),
                 Ok(config) if config.get_hosts().is_empty() => error("postgres:", "the host is missing"),
                 Ok(config) => Ok(Self::Postgres(Box::new(config))),
                 Err(_) => error("postgres:", "write postgres://USER:PASSWORD@HOST:PORT/DATABASE"),
@@ -228,7 +225,7 @@ mod tests {
             "postgres:",
             "postgres://me:secret@",
             "postgres://me:secret@db:port/farm",
-            "postgres://me:secret@db/farm?sslmode=require",
+            "postgres://me:secret@db/farm?sslmode=sometimes",
             "postgres://me:secret@db/farm?mode=x",
         ] {
             let text = url.parse::<StatePlace>().unwrap_err().to_string();

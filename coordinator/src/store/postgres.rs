@@ -4,6 +4,7 @@
 //! decided; what it changed is written to the table `change` as well, from which the others learn it.
 
 use super::postgres_schema::prepare;
+use super::postgres_tls::connector;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
 use super::{Beat, Commit, News, Sequence, StateStore, StoreError};
@@ -21,7 +22,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::sync::{Mutex, watch};
 use tokio::task::JoinHandle;
 use tokio_postgres::types::{FromSql, IsNull, ToSql, Type};
-use tokio_postgres::{AsyncMessage, Config, IsolationLevel, NoTls};
+use tokio_postgres::{AsyncMessage, Config, IsolationLevel};
+use tokio_postgres_rustls::MakeRustlsConnect;
 
 /// Connections of one coordinator, besides those that listen and lead.
 const CONNECTIONS: usize = 8;
@@ -59,7 +61,8 @@ impl PostgresStore {
     pub async fn open(mut config: Config, place: &str) -> Result<Self, StoreError> {
         config.application_name("photonfarm").connect_timeout(CONNECT);
         let recycling_method = RecyclingMethod::Fast;
-        let manager = Manager::from_config(config.clone(), NoTls, ManagerConfig { recycling_method });
+        let tls = connector(&mut config, place)?;
+        let manager = Manager::from_config(config.clone(), tls.clone(), ManagerConfig { recycling_method });
         let pool = Pool::builder(manager)
             .max_size(CONNECTIONS)
             .runtime(Runtime::Tokio1)
@@ -82,7 +85,7 @@ impl PostgresStore {
             pool,
             offset_ms,
             heard,
-            listener: tokio::spawn(listen(config, tell)),
+            listener: tokio::spawn(listen(config, tls, tell)),
             leader: Mutex::default(),
             beats_seen_ms: AtomicU64::new(0),
         })
@@ -182,17 +185,21 @@ async fn clock_offset(client: &Object) -> Result<i64, StoreError> {
 }
 
 /// Hears of commits for ever, on a connection of its own.
-async fn listen(config: Config, tell: watch::Sender<Sequence>) {
+async fn listen(config: Config, tls: MakeRustlsConnect, tell: watch::Sender<Sequence>) {
     loop {
-        if let Err(error) = listen_once(&config, &tell).await {
+        if let Err(error) = listen_once(&config, &tls, &tell).await {
             tracing::warn!(%error, "no news from the database; trying again");
         }
         tokio::time::sleep(POLL).await;
     }
 }
 
-async fn listen_once(config: &Config, tell: &watch::Sender<Sequence>) -> Result<(), StoreError> {
-    let (client, mut connection) = config.connect(NoTls).await?;
+async fn listen_once(
+    config: &Config,
+    tls: &MakeRustlsConnect,
+    tell: &watch::Sender<Sequence>,
+) -> Result<(), StoreError> {
+    let (client, mut connection) = config.connect(tls.clone()).await?;
     let hear = async {
         while let Some(message) = poll_fn(|context| connection.poll_message(context)).await {
             if let AsyncMessage::Notification(notification) = message?

@@ -1,7 +1,8 @@
 //! A PostgreSQL cluster of its own in a temporary folder, reached by a socket in that folder.
 
 use std::fs;
-use std::os::unix::fs::{MetadataExt, chown};
+use std::net::TcpListener;
+use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -101,6 +102,31 @@ impl Postgres {
         self.run("pg_ctl", &["-D", &data, "-w", "-m", "immediate", "stop"]);
     }
 
+    /// Starts the cluster once more, so that it takes encrypted connections, and no others, at a port of 127.0.0.1 besides its
+    /// socket. Returns the port.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    #[must_use]
+    pub fn encrypt(&self, certificate: &str, key: &str) -> u16 {
+        self.stop();
+        for (name, content) in [("server.crt", certificate), ("server.key", key)] {
+            let path = self.folder.join("data").join(name);
+            fs::write(&path, content).expect("the file can be written");
+            fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).expect("its owner sets its mode");
+            if let Some((user, group)) = self.owner {
+                chown(&path, Some(user), Some(group)).expect("root can give a file away");
+            }
+        }
+        let rules = self.folder.join("data/pg_hba.conf");
+        let open = fs::read_to_string(&rules).expect("the rules of access");
+        fs::write(&rules, open.replace("\nhost ", "\nhostssl ")).expect("the rules can be written");
+        let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
+        let port = free.expect("a free port").port();
+        self.start_with(&[], &format!("-c ssl=on -c listen_addresses=127.0.0.1 -c port={port}"));
+        port
+    }
+
     /// Starts the cluster where it was stopped.
     ///
     /// # Panics
@@ -114,8 +140,12 @@ impl Postgres {
     /// # Panics
     /// Where it does not start.
     pub fn resume_with(&self, environment: &[(String, String)]) {
+        self.start_with(environment, "-c listen_addresses=");
+    }
+
+    fn start_with(&self, environment: &[(String, String)], more: &str) {
         let folder = self.folder.to_str().expect("a UTF-8 path");
-        let options = format!("-k {folder} -c listen_addresses= -c fsync=off -c max_connections=200");
+        let options = format!("-k {folder} -c fsync=off -c max_connections=200 {more}");
         let (data, log) = (self.data(), format!("{folder}/log"));
         let start = ["-D", &data, "-w", "-l", &log, "-o", &options, "start"];
         self.run_with(environment, "pg_ctl", &start);

@@ -73,6 +73,7 @@ fn histories_contain_what_they_are_about() {
         lies_that_counted,
         poisoned,
         links,
+        called_broken,
     } = seen;
     let counts = [
         verdicts,
@@ -83,6 +84,7 @@ fn histories_contain_what_they_are_about() {
         lies_that_counted,
         poisoned,
         links,
+        called_broken,
     ];
     assert!(counts.iter().all(|count| *count > 0), "{counts:?}");
 }

@@ -136,6 +136,27 @@ fn a_fault_of_the_scene_ends_the_job_at_once() {
 }
 
 #[test]
+fn a_fault_of_the_scene_that_one_of_several_workers_finds_is_looked_for_by_another() {
+    let fault = |worker, at_ms| Attempt {
+        worker: WorkerId(worker),
+        kind: FailureKind::Scene,
+        message: "scene.xml:3: no".into(),
+        at_ms,
+    };
+    let mut farm = farm_with(8, 3);
+    let mut now = 0;
+    for worker in [1, 2] {
+        let lease = grant(&mut farm, worker, &[], now).unwrap();
+        assert_eq!(lease.node, NodeKey::leaf(0), "the leaf goes to another worker");
+        commit(&mut farm, now, |farm| {
+            farm.fail(lease.job, lease.token, 0, fault(worker, now), now).unwrap()
+        });
+        assert_eq!(farm.job(lease.job).is_none(), worker == 2, "two agree");
+        now += 1_500;
+    }
+}
+
+#[test]
 fn a_lease_whose_reply_was_lost_goes_back_without_blame() {
     let mut farm = farm_with(8, 1);
     let lost = grant(&mut farm, 1, &[], 0).unwrap();

@@ -57,6 +57,8 @@ pub(super) struct Seen {
     pub(super) poisoned: u64,
     /// Leases of chains that go on from something.
     pub(super) links: u64,
+    /// Jobs that ended because their scene was called broken.
+    pub(super) called_broken: u64,
 }
 
 impl Seen {
@@ -69,6 +71,7 @@ impl Seen {
         self.lies_that_counted += other.lies_that_counted;
         self.poisoned += other.poisoned;
         self.links += other.links;
+        self.called_broken += other.called_broken;
     }
 }
 
@@ -509,10 +512,10 @@ impl World {
             self.post.push(render(node));
             first = node.end();
         }
-        let kind = if self.random.chance(50) {
-            FailureKind::Render
-        } else {
-            FailureKind::Panic
+        let kind = match self.random.chance(50) {
+            _ if self.mode == Mode::Free && kind != Kind::Honest && self.random.chance(30) => FailureKind::Scene,
+            true => FailureKind::Render,
+            false => FailureKind::Panic,
         };
         let last = if bad.is_some() {
             Letter::Failure(lease, stop as u32, kind)
@@ -561,7 +564,7 @@ impl World {
                 let attempt = Attempt {
                     worker: lease.worker,
                     kind,
-                    message: "cursed".into(),
+                    message: format!("{kind:?}"),
                     at_ms: self.now,
                 };
                 let decision = self.farm.fail(lease.job, lease.token, leaf, attempt, self.now);

@@ -1,4 +1,4 @@
-//! A worker that sends wrong bits, for tests: it renders as it should, then changes one pixel.
+//! A worker that sends wrong bits, for tests: it renders as it should, then changes one pixel, and what a chain goes on from.
 //!
 //!     liar COORDINATOR NAME CACHE
 
@@ -44,6 +44,7 @@ impl LoadedScene for LyingScene {
     ) -> Result<Iteration, RenderError> {
         let mut rendered = self.0.render(settings, seed, iteration, before, observer)?;
         rendered.pixels[0] = Spectrum::splat(0.5);
+        rendered.statistics.iter_mut().for_each(|value| *value *= 0.5);
         Ok(rendered)
     }
 }

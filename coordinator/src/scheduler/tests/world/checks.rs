@@ -111,6 +111,11 @@ impl World {
             if status.state == JobState::Cancelled {
                 continue;
             }
+            // Two lied, or one while nobody else was there.
+            if status.failure.as_deref() == Some("Scene") {
+                self.seen.called_broken += 1;
+                continue;
+            }
             let poisoned: BTreeSet<u64> = status.poisoned.iter().map(|p| u64::from(p.iteration) - 1).collect();
             self.seen.poisoned += poisoned.len() as u64;
             let mut counted = vec![0; job.leaves() as usize];
