@@ -58,9 +58,14 @@ fn pending_iterations(job: &JobStatus) -> u64 {
     u64::from(job.spec.iterations).saturating_sub(job.iterations_rendered)
 }
 
-/// A lease is as many iterations as a worker renders in `target_s` seconds; one, until a speed is known.
+/// A lease is as many iterations as a worker renders in `target_s` seconds; one, until a speed is known. A chain is worked on by one
+/// worker at a time.
 fn pending_leases(job: &JobStatus, target_s: f64) -> u64 {
     let speed = job.iterations_per_second.unwrap_or(0.0) / f64::from(job.workers.max(1));
     let iterations = (speed * target_s).max(1.0);
-    (pending_iterations(job) as f64 / iterations).ceil() as u64
+    let leases = (pending_iterations(job) as f64 / iterations).ceil() as u64;
+    match job.spec.integrator.is_sequential() {
+        true => leases.min(1),
+        false => leases,
+    }
 }

@@ -50,6 +50,10 @@ impl Closed {
     }
 
     async fn submit(&self, token: &str, iterations: u32) -> Response {
+        self.submit_by("path", token, iterations).await
+    }
+
+    async fn submit_by(&self, integrator: &str, token: &str, iterations: u32) -> Response {
         let files = [("scene.xml".to_owned(), FileEntry::of(SCENE))].into();
         let manifest = BundleManifest { files };
         let reply = self.by(token, Method::POST, "bundles").json(&manifest).send().await;
@@ -57,14 +61,14 @@ impl Closed {
         let path = format!("blobs/{}", BlobHash::of(SCENE));
         let put = self.by(token, Method::PUT, &path).body(SCENE).send().await;
         assert!(put.unwrap().status().is_success());
-        let spec = json!({"scene": manifest.hash(), "main": "scene.xml", "integrator": {"type": "path"},
+        let spec = json!({"scene": manifest.hash(), "main": "scene.xml", "integrator": {"type": integrator},
             "iterations": iterations});
         self.by(token, Method::POST, "jobs").json(&spec).send().await.unwrap()
     }
 }
 
 /// Routes with the roles that they are for, besides `admin`.
-const ROUTES: [(&str, &str, &[Role]); 20] = [
+const ROUTES: [(&str, &str, &[Role]); 21] = [
     ("GET", "jobs", &[Role::Read, Role::Submit]),
     ("GET", "jobs/1", &[Role::Read, Role::Submit]),
     ("GET", "jobs/1/image.exr", &[Role::Read, Role::Submit]),
@@ -81,6 +85,7 @@ const ROUTES: [(&str, &str, &[Role]); 20] = [
     ("POST", "worker/lease", &[Role::Worker]),
     ("POST", "worker/nodes", &[Role::Worker]),
     ("POST", "worker/heartbeat", &[Role::Worker]),
+    ("POST", "worker/statistics", &[Role::Worker]),
     ("POST", "worker/leave", &[Role::Worker]),
     ("POST", "tokens", &[]),
     ("GET", "tokens", &[]),
@@ -150,6 +155,15 @@ async fn metrics_tell_the_work_that_is_left() {
         (9, 9)
     );
     assert_eq!((figure("jobs_queued").await, figure("jobs_running").await), (1, 0));
+    let chain = closed.submit_by("sppm", &closed.admin, 5).await;
+    assert_eq!(chain.status(), StatusCode::CREATED);
+    assert_eq!(
+        (figure("pending_iterations").await, figure("pending_leases").await),
+        (14, 10),
+        "one worker at a time renders a chain"
+    );
+    let cancel = closed.by(&closed.admin, Method::POST, "jobs/2/cancel").send().await;
+    assert_eq!(cancel.unwrap().status(), StatusCode::OK);
     let worker = closed.token(&request("rack", Role::Worker)).await;
     assert_eq!(figure("workers").await, 0);
     let cancel = closed

@@ -9,7 +9,9 @@ use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
-use photonfarm_proto::worker::{Assignment, LeaseRequest, NodeReply, NodeUpload, Register, frame_upload};
+use photonfarm_proto::worker::{
+    Assignment, LeaseRequest, NodeReply, NodeUpload, Register, StatisticsRequest, frame_upload, read_statistics,
+};
 use reqwest::{Method, StatusCode};
 use serde_json::json;
 
@@ -203,4 +205,38 @@ async fn workers_of_another_version_and_garbage_are_refused() {
     farm.register().await;
     let workers = farm.get("workers").await.json::<WorkerList>().await.unwrap().workers;
     assert_eq!((workers.len(), workers[0].name.as_str()), (1, "test"));
+}
+
+#[tokio::test]
+async fn what_a_lease_of_a_chain_goes_on_from_is_for_its_worker() {
+    let farm = Farm::start().await;
+    let mut spec = farm.spec(3).await;
+    spec["integrator"] = json!({"type": "sppm"});
+    assert_eq!(farm.post_json("jobs", &spec).await.status(), StatusCode::CREATED);
+    let worker = farm.register().await;
+    let ask = async |assignment: &Assignment, worker| {
+        let request = StatisticsRequest {
+            token: assignment.lease.token,
+            worker,
+            job: assignment.lease.job,
+        };
+        farm.send("statistics", encode(&request).unwrap()).await
+    };
+    let first = farm.lease(worker).await;
+    expect_problem(ask(&first, worker).await, ErrorCode::Invalid).await;
+    let bare = body(&upload(&first, &leaf(0, 0.5)));
+    expect_problem(farm.send("nodes", bare).await, ErrorCode::Malformed).await;
+    let statistics: Vec<f32> = (1..=8).map(|value| value as f32).collect();
+    let node = leaf(0, 0.5).with_statistics(statistics.clone()).unwrap();
+    let sent = farm.send("nodes", body(&upload(&first, &node))).await;
+    assert_eq!(sent.status(), StatusCode::OK);
+    let second = farm.lease(worker).await;
+    assert_eq!(second.lease.node, NodeKey::leaf(1));
+    let reply = ask(&second, worker).await;
+    assert_eq!(reply.status(), StatusCode::OK);
+    let found = read_statistics(&reply.bytes().await.unwrap(), 8);
+    assert_eq!(found, Some(statistics));
+    expect_problem(ask(&first, worker).await, ErrorCode::StaleLease).await;
+    let other = farm.register().await;
+    expect_problem(ask(&second, other).await, ErrorCode::StaleLease).await;
 }
