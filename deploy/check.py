@@ -1,10 +1,12 @@
 """Holds the manifests against each other and against our programs."""
 
 import argparse
+import json
 import re
 import subprocess
 from pathlib import Path
 
+import jsonschema
 import yaml
 
 HERE = Path(__file__).parent
@@ -78,7 +80,12 @@ def check_deployments(objects, programs):
 
 
 def check_scaling(objects):
-    """The scaler's target, its credentials and its metric are there."""
+    """The scaler's objects fit the schema; its target, its credentials and its metric are there."""
+    schema = json.loads((HERE / "keda.schema.json").read_text())
+    for (kind, name), document in objects.items():
+        if document["apiVersion"].startswith("keda.sh/"):
+            errors = list(jsonschema.Draft202012Validator(schema["$defs"][kind] | {"$defs": schema["$defs"]}).iter_errors(document))
+            assert not errors, f"{kind} {name}: {jsonschema.exceptions.best_match(errors)}"
     scaled = objects["ScaledObject", "photonfarm-worker"]["spec"]
     assert ("Deployment", scaled["scaleTargetRef"]["name"]) in objects
     trigger = scaled["triggers"][0]
