@@ -200,7 +200,7 @@ fn connections_to_postgres_are_encrypted_where_the_url_asks_for_it_and_only_to_w
     refused(&make("ann", "prefer", "farm.pem"), &["no encryption"]);
     refused(&make("ann", "disable", "farm.pem"), &["no encryption"]);
     refused(&make("ann", "require", "other.pem"), &["certificate"]);
-    refused(&make("ann", "require", "missing.pem"), &["SSL_CERT_FILE"]);
+    refused(&make("ann", "require", "missing.pem"), &["certificate", "missing.pem"]);
     let made = make("ann", "require", "farm.pem");
     assert!(made.status.success(), "{}", text(&made.stderr));
     refused(&make("ann", "require", "farm.pem"), &["ann"]);

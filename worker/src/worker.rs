@@ -288,7 +288,7 @@ impl Worker {
                 (vec![], failure(&lease, lease.node.first() as u32, kind, message), true)
             }
             Err(LoadError::Elsewhere(error)) => {
-                tracing::warn!(job = %lease.job, error, "the scene or what the lease goes on from is not at hand: the lease goes back");
+                tracing::warn!(job = %lease.job, error, "what the work begins with is not at hand: the lease goes back");
                 (vec![], Farewell::Release, false)
             }
         };

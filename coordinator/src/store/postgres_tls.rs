@@ -19,12 +19,8 @@ pub(super) fn connector(config: &mut Config, place: &str) -> Result<MakeRustlsCo
     if config.get_ssl_mode() == SslMode::Require {
         let found = rustls_native_certs::load_native_certs();
         trusted.add_parsable_certificates(found.certs);
-        if trusted.is_empty() {
-            let reasons: Vec<String> = found.errors.iter().map(ToString::to_string).collect();
-            return Err(foreign(format!(
-                "sslmode=require: the system trusts no authority, and SSL_CERT_FILE names none: {}",
-                reasons.join("; ")
-            )));
+        for error in found.errors {
+            tracing::warn!(%error, "authorities that the system trusts cannot be read");
         }
     } else {
         config.ssl_mode(SslMode::Disable);

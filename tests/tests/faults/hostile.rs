@@ -12,7 +12,7 @@ use photonfarm_proto::worker::{
     frame_upload,
 };
 use photonfarm_tests::farm::{Client, Farm, Job, Random, Reference};
-use photonfarm_tests::processes::{Process, wait_for};
+use photonfarm_tests::processes::{Process, photonfarm, wait_for};
 use reqwest::Method;
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -449,14 +449,45 @@ fn wrong_bits_of_every_node_are_found_out() {
     let _liar = Process::start("liar", &[&farm.client.url, "liar", cache.to_str().unwrap()]);
     let client = farm.client.clone();
     wait_for("the liar", || (client.workers()?.workers.len() == 1).then_some(()));
-    // The chain's first links are lies, and honest workers go on from them until the liar is found out.
-    let jobs = ["sppm", "pppm"].map(|integrator| farm.submit(&job_by(integrator, 30)));
-    jobs.iter().for_each(|job| _ = client.when_done(*job, 1));
+    let job = farm.submit(&job(30));
+    client.when_done(job, 1);
     farm.hire(2);
-    jobs.iter()
-        .for_each(|job| _ = client.when(*job, "the end", |job| job.state.ended()));
+    client.when(job, "the end", |job| job.state.ended());
     assert!(is_held(&client, "liar"));
     check_standing(&client);
     let (coordinators, _) = farm.settle();
     assert!(coordinators.contains("worker is in quarantine"), "{coordinators}");
+}
+
+/// An attacker who is alone begins a chain with a lie, honest workers go on from it, and then the attacker is found out at
+/// another job.
+#[test]
+fn what_honest_workers_built_on_a_lie_is_rendered_again() {
+    let mut farm = Farm::start(&["--verify", "4294967295"]);
+    let client = farm.client.clone();
+    let [chain, other] = [("sppm", 64), ("pppm", 8)].map(|(by, iterations)| farm.submit(&job_by(by, iterations)));
+    let attacker = Attacker::new(&client, "attacker");
+    let first = attacker.lease(&[]).unwrap();
+    assert_eq!((first.job, first.node), (chain, NodeKey::leaf(0)));
+    let statistics = vec![0.01; (SIZE * SIZE * 2) as usize];
+    let lie = plain(first.node, SIZE, 0.5).with_statistics(statistics).unwrap();
+    attacker.deliver(&first, &lie).unwrap();
+    let second = attacker.lease(&[]).unwrap();
+    assert_eq!(second.job, other);
+    farm.hire(2);
+    client.when_done(chain, 3);
+    let steer = |what: &str| {
+        let id = chain.to_string();
+        assert!(photonfarm(&[what, &id, "--coordinator", &client.url]).status.success());
+    };
+    steer("pause");
+    attacker.deliver(&second, &plain(second.node, SIZE, 0.5)).unwrap();
+    wait_for("the attacker's quarantine", || {
+        is_held(&client, "attacker").then_some(())
+    });
+    let status = client.when(chain, "the loss of what was built", |job| job.iterations_done == 0);
+    assert!(!status.state.ended());
+    steer("resume");
+    check_standing(&client);
+    let _logs = farm.settle();
 }
