@@ -84,7 +84,9 @@ fn a_full_disk_of_a_worker_keeps_nothing_from_others() {
     let mut farm = Farm::start(&[]);
     farm.hire_with(Launch::default(), Some(disk.path().join("cache")));
     let job = farm.submit(&job());
-    farm.workers[0].process().wait_for_error("what the work begins with is not at hand");
+    farm.workers[0]
+        .process()
+        .wait_for_error("what the work begins with is not at hand");
     assert_eq!(farm.client.when_done(job, 0).iterations_done, 0);
     disk.free();
     farm.client.when_done(job, 5);
