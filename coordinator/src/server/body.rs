@@ -108,6 +108,22 @@ mod tests {
         assert_eq!(received(2, false, Duration::from_millis(10)).await, (2000, false));
     }
 
+    /// At most 1000 bytes a second for ever, where a million are asked for.
+    #[tokio::test]
+    async fn a_body_that_drips_is_given_up() {
+        let drip = stream::repeat(()).then(|()| async {
+            sleep(Duration::from_millis(1)).await;
+            Ok::<_, std::io::Error>(Bytes::from_static(b"x"))
+        });
+        let patience = Timeouts {
+            bytes_per_second: 1_000_000,
+            ..timeouts(Duration::from_millis(20))
+        };
+        let pieces = Patience::of(Body::from_stream(drip), patience);
+        let last = pieces.fold(None, |_, piece| async { Some(piece) }).await;
+        assert!(last.is_some_and(|piece| piece.is_err()));
+    }
+
     #[test]
     fn a_body_that_drips_gets_ever_less_time() {
         let timeouts = timeouts(Duration::from_secs(10));
