@@ -99,7 +99,7 @@ impl Job {
 
     /// The first node in doubt that `worker` may repeat and nobody does.
     pub(super) fn next_doubt(&self, worker: WorkerId) -> Option<Block> {
-        let mut doubts = self.nodes_in_doubt();
+        let mut doubts = self.nodes_in_doubt().filter(|node| self.can_be_repeated(*node));
         let node = doubts.find(|node| !self.has_opinion(*node, worker) && self.verifiers(*node).next().is_none())?;
         Some(Block {
             node,

@@ -31,9 +31,14 @@ impl Job {
         complete
     }
 
-    /// Whether a block that begins with leaf `first` can be rendered now.
+    /// Whether a block that begins with leaf `first` can be rendered now, and nothing that it is built on is in doubt.
     pub(super) fn can_begin_at(&self, first: u64) -> bool {
-        !self.is_chain() || first == self.complete() && self.nodes_in_doubt().next().is_none()
+        !self.is_chain() || first == self.complete() && self.nodes_in_doubt().all(|node| node.first() >= first)
+    }
+
+    /// Whether a node that counts can be rendered once more: what it goes on from is there.
+    pub(super) fn can_be_repeated(&self, node: NodeKey) -> bool {
+        !self.is_chain() || node.first() <= self.complete()
     }
 
     /// The largest aligned part of a block of a chain that can be rendered now.
