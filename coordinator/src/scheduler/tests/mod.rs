@@ -1,5 +1,6 @@
 //! Tests of the scheduler: random histories, and its rules one by one.
 
+mod chains;
 mod histories;
 mod rules;
 mod steering;
