@@ -1,6 +1,6 @@
 //! Messages of workers, damaged or untrue.
 
-use super::Target;
+use super::{JSON, Target};
 use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE};
