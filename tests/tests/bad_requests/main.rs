@@ -5,6 +5,7 @@ mod messages;
 
 use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE};
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::problem::{ErrorCode, Problem};

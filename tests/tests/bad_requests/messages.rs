@@ -5,7 +5,7 @@ use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
-use photonfarm_proto::job::{FailureKind, Totals};
+use photonfarm_proto::job::{FailureKind, JobStatus, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{
