@@ -72,7 +72,7 @@ fn what_was_built_on_untrusted_work_goes_with_it() {
     assert_eq!(farm.job(JOB).unwrap().done(), 0);
     let late = farm.deliver(&delivery(&held, held.node), 4);
     assert_eq!(late, Err(Refusal::StaleLease(held.token)));
-    assert_eq!(grant(&mut farm, 2, &[], 5).unwrap().node, NodeKey::leaf(0));
+    assert_eq!(grant(&mut farm, 2, &[], 5).unwrap().node.first(), 0);
 }
 
 #[test]
