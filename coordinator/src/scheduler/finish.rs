@@ -120,11 +120,12 @@ impl Job {
         if self.state.ended() || self.next_merge().is_some() || self.next_unread().is_some() {
             return None;
         }
-        if self.nodes_in_doubt().next().is_some() || self.due_checkpoint().is_some() {
+        if self.nodes_in_doubt().any(|node| self.can_be_repeated(node)) || self.due_checkpoint().is_some() {
             return None;
         }
-        let poisoned: Vec<_> = match self.broken_link(config) {
-            Some(broken) => vec![broken],
+        let broken = self.broken_link(config);
+        let poisoned: Vec<_> = match broken {
+            Some(link) => vec![link],
             None => self.poisoned(config).collect(),
         };
         let leased = |leaf: u32| {
@@ -132,22 +133,18 @@ impl Job {
                 .values()
                 .any(|lease| lease.record.node.contains(NodeKey::leaf(leaf)))
         };
-        let reached = self.broken_link(config).is_some() || self.done() + poisoned.len() as u64 == self.leaves();
+        let reached = broken.is_some() || self.done() + poisoned.len() as u64 == self.leaves();
         if !reached || poisoned.iter().any(|(leaf, _)| leased(*leaf)) {
             return None;
         }
         let failure = poisoned.first().map(|(leaf, attempts)| {
             let reason = attempts.last().map_or("", |attempt| attempt.message.as_str());
-            let (count, of) = (poisoned.len(), self.leaves());
+            let (count, of, iteration) = (poisoned.len(), self.leaves(), leaf + 1);
             match self.is_chain() {
-                true => format!(
-                    "iteration {} could not be rendered, and those after it go on from it: {reason}",
-                    leaf + 1
-                ),
-                false => format!(
-                    "{count} of {of} iterations could not be rendered; iteration {}: {reason}",
-                    leaf + 1
-                ),
+                true => {
+                    format!("iteration {iteration} could not be rendered, and those after it go on from it: {reason}")
+                }
+                false => format!("{count} of {of} iterations could not be rendered; iteration {iteration}: {reason}"),
             }
         });
         let state = if failure.is_some() {

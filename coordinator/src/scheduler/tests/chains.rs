@@ -144,3 +144,27 @@ fn a_chain_fails_where_an_iteration_is_given_up() {
             .starts_with("iteration 2 could not be rendered")
     );
 }
+
+/// What lies beyond the iteration that was given up cannot be repeated, and is not waited for.
+#[test]
+fn a_doubt_beyond_an_iteration_that_is_given_up_does_not_keep_a_chain_from_its_end() {
+    let mut farm = farm_of(2, 2, true);
+    farm.config.max_failures = 1;
+    let block = LeaseRecord {
+        node: NodeKey { level: 1, index: 0 },
+        ..grant(&mut farm, 1, &[], 0).unwrap()
+    };
+    farm.evolve(&Change::LeaseGranted(block.clone()), 0);
+    give(&mut farm, &block, NodeKey::leaf(1));
+    let attempt = Attempt {
+        worker: WorkerId(1),
+        kind: FailureKind::Render,
+        message: "no".into(),
+        at_ms: 1,
+    };
+    commit(&mut farm, 1, |farm| farm.fail(JOB, block.token, 0, attempt, 1).unwrap());
+    assert_eq!(grant(&mut farm, 2, &[], 2), None, "what it goes on from is not there");
+    let ended = farm.settle(JOB, 3).changes;
+    let failed = JobState::Failed;
+    assert!(matches!(ended.as_slice(), [Change::JobEnded { state, .. }] if *state == failed));
+}
