@@ -44,13 +44,7 @@ async fn several_workers_render_one_chain_with_an_object_store() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_chain_goes_on_where_a_draining_worker_left_it_and_after_a_restart() {
     let mut farm = Farm::start().await;
-    farm.stage.hold(7);
-    let first = farm.worker("first");
-    let job = farm.submit_chain(19).await;
-    farm.stage.until_begun(7, 1).await;
-    first.drain.cancel();
-    farm.stage.release(7);
-    first.task.await.unwrap().unwrap();
+    let job = farm.drain_during(7, farm.submit_chain(19)).await;
     assert_eq!(farm.status(job).await.iterations_done, 7);
     farm.stop().await;
     farm.resume().await;
@@ -70,17 +64,7 @@ async fn a_chain_goes_on_where_a_draining_worker_left_it_and_after_a_restart() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_lost_worker_costs_a_chain_what_it_had_not_delivered() {
     let farm = Farm::start().await;
-    farm.stage.hold(4);
-    let lost = farm.worker("lost");
-    let job = farm.submit_chain(9).await;
-    farm.stage.until_begun(4, 1).await;
-    lost.kill().await;
-    let other = farm.worker("other");
-    farm.stage.until_begun(4, 2).await;
-    farm.stage.release(4);
-    assert_eq!(farm.until_ended(job).await.state, JobState::Done);
-    farm.check_image(job, 1..=9).await;
-    other.drain().await;
+    farm.lose_a_worker(farm.submit_chain(9)).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -103,13 +87,7 @@ async fn a_chain_ends_where_an_iteration_cannot_be_rendered() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_damaged_checkpoint_is_rendered_again() {
     let mut farm = Farm::start().await;
-    farm.stage.hold(6);
-    let first = farm.worker("first");
-    let job = farm.submit_chain(8).await;
-    farm.stage.until_begun(6, 1).await;
-    first.drain.cancel();
-    farm.stage.release(6);
-    first.task.await.unwrap().unwrap();
+    let job = farm.drain_during(6, farm.submit_chain(8)).await;
     farm.stop().await;
     let files = farm.node_files();
     assert!(!files.is_empty());

@@ -55,29 +55,13 @@ async fn a_restart_of_the_coordinator_loses_nothing_and_renders_nothing_twice() 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_work_of_a_lost_worker_is_done_by_another() {
     let farm = Farm::start().await;
-    farm.stage.hold(4);
-    let lost = farm.worker("lost");
-    let job = farm.submit(b"good", 9).await;
-    farm.stage.until_begun(4, 1).await;
-    lost.kill().await;
-    let other = farm.worker("other");
-    farm.stage.until_begun(4, 2).await;
-    farm.stage.release(4);
-    assert_eq!(farm.until_ended(job).await.state, JobState::Done);
-    farm.check_image(job, 1..=9).await;
-    other.drain().await;
+    farm.lose_a_worker(farm.submit(b"good", 9)).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_draining_worker_delivers_what_it_has_and_gives_the_rest_back() {
     let farm = Farm::start().await;
-    farm.stage.hold(6);
-    let first = farm.worker("first");
-    let job = farm.submit(b"good", 16).await;
-    farm.stage.until_begun(6, 1).await;
-    first.drain.cancel();
-    farm.stage.release(6);
-    first.task.await.unwrap().unwrap();
+    let job = farm.drain_during(6, farm.submit(b"good", 16)).await;
     let status = farm.status(job).await;
     assert_eq!((status.iterations_done, status.workers), (6, 0));
     farm.check_image(job, 1..=6).await;

@@ -12,7 +12,7 @@ use photonfarm_core::tree::Average;
 use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::{BlobHash, JobId};
-use photonfarm_proto::job::{BandwidthRange, JobSpec, JobStatus};
+use photonfarm_proto::job::{BandwidthRange, JobSpec, JobState, JobStatus};
 use photonfarm_test_servers::S3;
 use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
 use std::collections::{BTreeMap, BTreeSet};
@@ -252,6 +252,33 @@ impl Farm {
         let drain = CancellationToken::new();
         let task = tokio::spawn(Worker::new(config).unwrap().run(drain.clone()));
         TestWorker { drain, task }
+    }
+
+    /// A first worker is told to stop while it renders `iteration` of the job that is submitted; it delivers what it has.
+    pub(crate) async fn drain_during(&self, iteration: u32, submission: impl Future<Output = JobId>) -> JobId {
+        self.stage.hold(iteration);
+        let first = self.worker("first");
+        let job = submission.await;
+        self.stage.until_begun(iteration, 1).await;
+        first.drain.cancel();
+        self.stage.release(iteration);
+        first.task.await.unwrap().unwrap();
+        job
+    }
+
+    /// A worker is lost while it renders iteration 4 of the 9 of the job that is submitted, and another one does its work.
+    pub(crate) async fn lose_a_worker(&self, submission: impl Future<Output = JobId>) {
+        self.stage.hold(4);
+        let lost = self.worker("lost");
+        let job = submission.await;
+        self.stage.until_begun(4, 1).await;
+        lost.kill().await;
+        let other = self.worker("other");
+        self.stage.until_begun(4, 2).await;
+        self.stage.release(4);
+        assert_eq!(self.until_ended(job).await.state, JobState::Done);
+        self.check_image(job, 1..=9).await;
+        other.drain().await;
     }
 
     pub(crate) fn url(&self, path: &str) -> String {
