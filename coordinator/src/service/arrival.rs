@@ -1,8 +1,11 @@
 //! The image of a node as it arrives: it goes to the store piece by piece, while its hash is taken and its pixels are
-//! looked at. So no image is held in memory, and however slow or large one is, it keeps no other waiting.
+//! looked at. However slow or large one is, it keeps no other waiting, and it is held in memory, to be added up with
+//! others later, only as far as there is memory to spare.
 
 use super::ServiceError;
+use super::at_hand::{AtHand, Held};
 use crate::store::{BlobStore, StagedBlob};
+use axum::body::Bytes;
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::node::{NodeError, NodeHeader};
 use photonfarm_proto::planes::Pixels;
@@ -15,38 +18,58 @@ pub(super) struct Arrival {
     /// Bytes to come.
     left: u64,
     pixels: Pixels,
+    held: Option<Held>,
+}
+
+/// An image that arrived whole, with the hash announced and pixels that can be.
+pub(super) struct Arrived {
+    /// To be published.
+    pub(super) staged: Box<dyn StagedBlob>,
+    /// The same bytes in memory, if there was room.
+    pub(super) held: Option<Held>,
 }
 
 impl Arrival {
     /// Begins an image with its header, which was checked against the limits.
     pub(super) async fn begin(
         store: &dyn BlobStore,
+        at_hand: &AtHand,
         header: &NodeHeader,
         announced: BlobHash,
     ) -> Result<Self, ServiceError> {
         let mut staged = store.stage(announced).await?;
-        staged.write(&header.to_bytes()).await?;
+        let head = header.to_bytes();
+        staged.write(&head).await?;
+        let mut held = at_hand.begin(announced, head.len() as u64 + header.plane_bytes());
+        if let Some(held) = &mut held {
+            held.push(Bytes::copy_from_slice(&head));
+        }
         Ok(Self {
             staged,
             announced,
             left: header.plane_bytes(),
             pixels: Pixels::of(header),
+            held,
         })
     }
 
     /// Takes the next bytes of the planes.
-    pub(super) async fn take(&mut self, piece: &[u8]) -> Result<(), ServiceError> {
+    pub(super) async fn take(&mut self, piece: Bytes) -> Result<(), ServiceError> {
         let left = self.left.checked_sub(piece.len() as u64);
         self.left = left.ok_or_else(|| Problem::new(ErrorCode::Malformed, "bytes follow the node's image"))?;
-        self.pixels.look_at(piece);
-        Ok(self.staged.write(piece).await?)
+        self.pixels.look_at(&piece);
+        self.staged.write(&piece).await?;
+        if let Some(held) = &mut self.held {
+            held.push(piece);
+        }
+        Ok(())
     }
 
     /// The whole image, ready to be published; or what is wrong with an image that has the hash announced.
     ///
     /// # Errors
     /// The image is not whole, or has another hash.
-    pub(super) fn end(self) -> Result<Result<Box<dyn StagedBlob>, NodeError>, ServiceError> {
+    pub(super) fn end(self) -> Result<Result<Arrived, NodeError>, ServiceError> {
         if self.left > 0 {
             return Err(too_short());
         }
@@ -57,7 +80,10 @@ impl Arrival {
         }
         Ok(match self.pixels.bad() {
             Some(error) => Err(error.clone().into()),
-            None => Ok(self.staged),
+            None => Ok(Arrived {
+                staged: self.staged,
+                held: self.held,
+            }),
         })
     }
 }

@@ -57,9 +57,10 @@ impl Service {
         let mut image = Vec::new();
         while let Some(merge) = self.next_merge(job).await? {
             let node = merge.node.key;
-            let (store, runtime) = (self.stores.nodes.clone(), Handle::current());
+            let (service, runtime) = (self.clone(), Handle::current());
             let add = move || {
-                let added = runtime.block_on(add_up(&*store, &merge, &mut image));
+                let (store, at_hand) = (&*service.stores.nodes, &service.at_hand);
+                let added = runtime.block_on(add_up(store, at_hand, &merge, &mut image));
                 (added, image)
             };
             let (added, sum) = tokio::task::spawn_blocking(add)
@@ -78,6 +79,9 @@ impl Service {
             let digest = store::put(&*self.stores.nodes, &image).await?;
             if !self.transact(move |farm, _| Ok(farm.merge(job, node, digest))).await? {
                 self.collect_refused(Garbage { job, node, digest });
+            } else if let Some(mut held) = self.at_hand.begin(digest, image.len() as u64) {
+                held.push(std::mem::take(&mut image).into());
+                self.at_hand.keep(digest, held);
             }
         }
         Ok(())

@@ -35,6 +35,7 @@ impl Service {
         let service = self.clone();
         tokio::spawn(async move {
             for garbage in garbage {
+                service.at_hand.forget(garbage.digest);
                 service.remove_if_garbage(garbage).await;
             }
         });

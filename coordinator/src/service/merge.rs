@@ -1,5 +1,7 @@
-//! The images of nodes are added up as they are read, piece by piece: memory holds one image, however many are added.
+//! The images of nodes are added up as they are read, piece by piece: besides those that are at hand, memory holds one
+//! image, however many are added.
 
+use super::at_hand::AtHand;
 use crate::store::{BlobReader, BlobStore, StoreError};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::node::{NodeHeader, NodeKey};
@@ -40,15 +42,20 @@ impl From<StoreError> for AddError {
 
 /// Makes the image of a node: the sum of its parts in the order of the tree, left plus right, and the statistics of the last.
 ///
-/// Every part is held against its hash, its header and what pixels may be.
-pub(super) async fn add_up(store: &dyn BlobStore, merge: &Merge, image: &mut Vec<u8>) -> Result<(), AddError> {
+/// Every part is held against its header, and, unless it is at hand, against its hash and what pixels may be.
+pub(super) async fn add_up(
+    store: &dyn BlobStore,
+    at_hand: &AtHand,
+    merge: &Merge,
+    image: &mut Vec<u8>,
+) -> Result<(), AddError> {
     let planes = merge.node.plane_bytes() as usize;
     image.resize(NodeHeader::BYTES + planes, 0);
     let (head, rest) = image.split_at_mut(NodeHeader::BYTES);
     head.copy_from_slice(&merge.node.to_bytes());
     let mut parts = Vec::with_capacity(merge.parts.len());
     for &(key, digest) in &merge.parts {
-        parts.push(Part::open(store, NodeHeader { key, ..merge.node }, digest).await?);
+        parts.push(Part::open(store, at_hand, NodeHeader { key, ..merge.node }, digest).await?);
     }
     let mut stack: Vec<(NodeKey, Vec<f32>)> = Vec::new();
     let (sums, statistics) = rest.split_at_mut(merge.node.image_bytes() as usize);
@@ -79,13 +86,24 @@ struct Part {
     header: NodeHeader,
     digest: BlobHash,
     reader: BlobReader,
-    hasher: blake3::Hasher,
-    pixels: Pixels,
+    /// None for an image that was looked at when it arrived.
+    checks: Option<Checks>,
     bytes: Vec<u8>,
 }
 
+/// What an image is held against while it is read.
+struct Checks {
+    hasher: blake3::Hasher,
+    pixels: Pixels,
+}
+
 impl Part {
-    async fn open(store: &dyn BlobStore, header: NodeHeader, digest: BlobHash) -> Result<Self, AddError> {
+    async fn open(
+        store: &dyn BlobStore,
+        at_hand: &AtHand,
+        header: NodeHeader,
+        digest: BlobHash,
+    ) -> Result<Self, AddError> {
         let unusable = |reason| {
             AddError::Unusable(Unusable {
                 node: header.key,
@@ -93,7 +111,16 @@ impl Part {
                 reason,
             })
         };
-        let (length, reader) = match store.open(digest).await {
+        let held = at_hand.open(digest);
+        let checks = held.is_none().then(|| Checks {
+            hasher: blake3::Hasher::new(),
+            pixels: Pixels::of(&header),
+        });
+        let opened = match held {
+            Some(held) => Ok(held),
+            None => store.open(digest).await,
+        };
+        let (length, reader) = match opened {
             Ok(opened) => opened,
             Err(error @ (StoreError::NoBlob(_) | StoreError::Damaged(_))) => return Err(unusable(error.to_string())),
             Err(error) => return Err(error.into()),
@@ -106,8 +133,7 @@ impl Part {
             header,
             digest,
             reader,
-            hasher: blake3::Hasher::new(),
-            pixels: Pixels::of(&header),
+            checks,
             bytes: Vec::new(),
         };
         part.fill(NodeHeader::BYTES).await?;
@@ -138,14 +164,18 @@ impl Part {
                 return Err(StoreError::Io { path, source }.into());
             }
         }
-        self.hasher.update(&self.bytes);
+        if let Some(checks) = &mut self.checks {
+            checks.hasher.update(&self.bytes);
+        }
         Ok(())
     }
 
     /// Reads the next `length` bytes of the planes.
     async fn fill_from_planes(&mut self, length: usize) -> Result<(), AddError> {
         self.fill(length).await?;
-        self.pixels.look_at(&self.bytes);
+        if let Some(checks) = &mut self.checks {
+            checks.pixels.look_at(&self.bytes);
+        }
         Ok(())
     }
 
@@ -156,11 +186,12 @@ impl Part {
     }
 
     fn end(self) -> Result<(), AddError> {
-        let found = BlobHash::from(self.hasher.finalize());
+        let Some(checks) = &self.checks else { return Ok(()) };
+        let found = BlobHash::from(checks.hasher.finalize());
         if found != self.digest {
             return Err(self.unusable(format!("its image has hash {found}")));
         }
-        match self.pixels.bad() {
+        match checks.pixels.bad() {
             Some(error) => Err(self.unusable(error.to_string())),
             None => Ok(()),
         }

@@ -1,6 +1,7 @@
 //! The scheduler at work: decisions are committed, then applied, then answered.
 
 mod arrival;
+mod at_hand;
 mod error;
 mod fold;
 mod garbage;
@@ -65,6 +66,7 @@ pub struct Service {
     stopping: watch::Sender<bool>,
     submitting: Mutex<()>,
     folding: Mutex<()>,
+    at_hand: at_hand::AtHand,
     uploads: Semaphore,
     pictures: Semaphore,
     shared: shared::Shared,
@@ -127,6 +129,7 @@ impl Service {
             stopping: watch::Sender::new(false),
             submitting: Mutex::default(),
             folding: Mutex::default(),
+            at_hand: at_hand::AtHand::default(),
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
             shared: shared::Shared::default(),
@@ -237,6 +240,11 @@ impl Service {
         let garbage = garbage::superfluous(&cell.farm, changes);
         for change in changes {
             log_change(change);
+            if let Change::JobEnded { job, .. } = change
+                && let Some(job) = cell.farm.job(*job)
+            {
+                job.live_nodes().for_each(|(_, digest)| self.at_hand.forget(digest));
+            }
             cell.farm.evolve(change, now);
         }
         self.notify(changes);

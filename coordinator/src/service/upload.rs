@@ -1,10 +1,9 @@
 //! Nodes arrive: bytes first, then the row, then the acknowledgement.
 
-use super::arrival::{Arrival, too_short};
+use super::arrival::{Arrival, Arrived, too_short};
 use super::garbage::Garbage;
 use super::{Service, ServiceError};
 use crate::scheduler::{Delivered, Delivery, Job, Refusal};
-use crate::store::StagedBlob;
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt};
 use photonfarm_proto::codec;
@@ -42,9 +41,9 @@ impl Service {
             body.linger().await;
             return answer;
         }
-        let mut image = Arrival::begin(&*self.stores.nodes, &header, upload.digest).await?;
+        let mut image = Arrival::begin(&*self.stores.nodes, &self.at_hand, &header, upload.digest).await?;
         while let Some(piece) = body.next().await? {
-            image.take(&piece).await?;
+            image.take(piece).await?;
         }
         match image.end()? {
             Ok(image) => self.accept(upload, image).await,
@@ -84,15 +83,18 @@ impl Service {
     async fn accept(
         self: &Arc<Self>,
         upload: NodeUpload,
-        image: Box<dyn StagedBlob>,
+        Arrived { staged, held }: Arrived,
     ) -> Result<Delivered, ServiceError> {
         let delivery = delivery(&upload, false);
         let service = self.clone();
         let task = async move {
             let publishing = service.publishing.read().await;
-            image.publish().await?;
+            staged.publish().await?;
             let result = service.deliver(delivery.clone()).await;
             drop(publishing);
+            if let (Ok(Delivered::Counted), Some(held)) = (&result, held) {
+                service.at_hand.keep(delivery.digest, held);
+            }
             service.after_delivery(&delivery, result).await
         };
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?

@@ -1,0 +1,152 @@
+//! Images of nodes that this coordinator has held against their hash and has still in memory, so that adding them up
+//! takes no second reading, hashing and looking. They lie in the store as well: forgetting one costs time only.
+
+use crate::store::BlobReader;
+use axum::body::Bytes;
+use futures_util::stream;
+use photonfarm_proto::id::BlobHash;
+use std::collections::BTreeMap;
+use std::ops::Bound::{Excluded, Unbounded};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_util::io::StreamReader;
+
+/// Unit in which memory is counted [bytes].
+const UNIT: u64 = 1024;
+/// Memory for images in all [units of `UNIT`]: eight nodes of 1920 x 1080 pixels, which is as many as are added up at a time.
+const MOST: usize = 288 << 10;
+
+/// Images in memory, those that are on their way included.
+#[derive(Debug)]
+pub(super) struct AtHand {
+    /// Units in all.
+    most: usize,
+    /// Units that are free.
+    memory: Arc<Semaphore>,
+    images: Mutex<BTreeMap<BlobHash, Held>>,
+}
+
+impl Default for AtHand {
+    fn default() -> Self {
+        Self::with_units(MOST)
+    }
+}
+
+/// An image as it is gathered. It has its memory already.
+#[derive(Debug)]
+pub(super) struct Held {
+    pieces: Vec<Bytes>,
+    _memory: OwnedSemaphorePermit,
+}
+
+impl Held {
+    /// Appends bytes.
+    pub(super) fn push(&mut self, piece: Bytes) {
+        self.pieces.push(piece);
+    }
+}
+
+impl AtHand {
+    fn with_units(units: usize) -> Self {
+        Self {
+            most: units,
+            memory: Arc::new(Semaphore::new(units)),
+            images: Mutex::default(),
+        }
+    }
+
+    /// Begins an image of `bytes` bytes, and forgets others for it where it must. Nothing if there is no memory for it.
+    pub(super) fn begin(&self, digest: BlobHash, bytes: u64) -> Option<Held> {
+        let units = u32::try_from(bytes.div_ceil(UNIT)).ok()?;
+        if units as usize > self.most {
+            return None;
+        }
+        loop {
+            if let Ok(memory) = self.memory.clone().try_acquire_many_owned(units) {
+                return Some(Held {
+                    pieces: Vec::new(),
+                    _memory: memory,
+                });
+            }
+            self.forget_another(digest)?;
+        }
+    }
+
+    /// Forgets the image whose digest follows `digest`. Digests are as good as random, so that neither the oldest nor
+    /// the newest image is favoured: either could be the next that is asked for.
+    fn forget_another(&self, digest: BlobHash) -> Option<()> {
+        let mut images = self.images();
+        let next = images.range((Excluded(digest), Unbounded)).next();
+        let next = *next.or_else(|| images.first_key_value())?.0;
+        images.remove(&next).map(drop)
+    }
+
+    /// Keeps an image that was held against its hash and looked at.
+    pub(super) fn keep(&self, digest: BlobHash, image: Held) {
+        self.images().insert(digest, image);
+    }
+
+    /// Forgets an image that is no longer needed.
+    pub(super) fn forget(&self, digest: BlobHash) {
+        self.images().remove(&digest);
+    }
+
+    /// Length and bytes of an image.
+    pub(super) fn open(&self, digest: BlobHash) -> Option<(u64, BlobReader)> {
+        let pieces = self.images().get(&digest)?.pieces.clone();
+        let length = pieces.iter().map(|piece| piece.len() as u64).sum();
+        let bytes = stream::iter(pieces.into_iter().map(Ok::<_, std::io::Error>));
+        Some((length, Box::new(StreamReader::new(bytes))))
+    }
+
+    fn images(&self) -> MutexGuard<'_, BTreeMap<BlobHash, Held>> {
+        self.images.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::AsyncReadExt;
+
+    fn keep(at_hand: &AtHand, bytes: &'static [u8]) -> BlobHash {
+        let digest = BlobHash::of(bytes);
+        let mut image = at_hand.begin(digest, UNIT).unwrap();
+        bytes.chunks(2).for_each(|piece| image.push(Bytes::from_static(piece)));
+        at_hand.keep(digest, image);
+        digest
+    }
+
+    #[tokio::test]
+    async fn an_image_is_there_until_it_is_forgotten() {
+        let at_hand = AtHand::with_units(2);
+        let digest = keep(&at_hand, b"image");
+        for _ in 0..2 {
+            let (length, mut reader) = at_hand.open(digest).unwrap();
+            let mut found = Vec::new();
+            reader.read_to_end(&mut found).await.unwrap();
+            assert_eq!((length, &found[..]), (5, &b"image"[..]));
+        }
+        at_hand.forget(digest);
+        assert!(at_hand.open(digest).is_none());
+        assert_eq!(at_hand.memory.available_permits(), 2);
+    }
+
+    #[test]
+    fn memory_is_bounded_whatever_arrives() {
+        let at_hand = AtHand::with_units(2);
+        for image in [&b"one"[..], b"two", b"three", b"four"] {
+            keep(&at_hand, image);
+        }
+        assert_eq!(at_hand.images().len(), 2);
+        // Images on their way are not forgotten for others, and neither is anything for one that would never fit.
+        let on_their_way: Vec<_> = (0..2)
+            .map(|_| at_hand.begin(BlobHash::of(b""), UNIT).unwrap())
+            .collect();
+        assert!(at_hand.begin(BlobHash::of(b""), UNIT).is_none());
+        drop(on_their_way);
+        let digest = keep(&at_hand, b"one");
+        assert!(at_hand.begin(BlobHash::of(b""), 3 * UNIT).is_none());
+        assert!(at_hand.open(digest).is_some());
+    }
+}
