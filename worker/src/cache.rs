@@ -1,6 +1,7 @@
 //! Files of scenes on this machine, by hash: written aside and renamed, verified when read, bounded in size.
 
 use crate::client::{Client, ClientError};
+use crate::transfer::{self, SILENCE};
 use futures_util::StreamExt;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::BlobHash;
@@ -97,7 +98,7 @@ impl Cache {
 
     async fn fetch_blob(&self, client: &Client, hash: BlobHash, bytes: u64) -> Result<(), CacheError> {
         tracing::debug!(%hash, bytes, "fetching a file");
-        let mut stream = client.blob(hash, bytes).await?.bytes_stream();
+        let mut stream = std::pin::pin!(transfer::pieces(client.blob(hash).await?, SILENCE));
         let mut file = self.part()?;
         let mut hasher = blake3::Hasher::new();
         let mut received = 0;

@@ -2,6 +2,7 @@
 
 use crate::backoff::Backoff;
 use crate::credentials::Credentials;
+use crate::transfer::{self, SILENCE, TransferError};
 use bytes::Bytes;
 use futures_util::StreamExt;
 use photonfarm_proto::bundle::BundleManifest;
@@ -20,8 +21,8 @@ use tokio_util::sync::CancellationToken;
 const SHORT: Duration = Duration::from_secs(15);
 /// How long a connection is kept for the next request: less than a coordinator keeps it.
 const IDLE: Duration = Duration::from_secs(30);
-/// Slowest transfer that is waited for [bytes per second].
-const SLOWEST: u64 = 50_000;
+/// How fast a coordinator reads images at least, which it may have to before it answers [bytes per second].
+const READING: u64 = 1_000_000;
 /// Most bytes of a manifest.
 const MANIFEST_BYTES: usize = 64 << 20;
 
@@ -30,7 +31,7 @@ const MANIFEST_BYTES: usize = 64 << 20;
 pub enum ClientError {
     /// No answer: the coordinator is away, or the object store, or the network.
     #[error("no answer: {0}")]
-    Away(#[from] reqwest::Error),
+    Away(#[from] TransferError),
     /// The object store says no, perhaps because a signed URL is too old.
     #[error("the object store answers {0}")]
     Store(reqwest::StatusCode),
@@ -67,6 +68,19 @@ impl ClientError {
             _ => None,
         }
     }
+}
+
+impl From<reqwest::Error> for ClientError {
+    fn from(error: reqwest::Error) -> Self {
+        Self::Away(error.into())
+    }
+}
+
+/// A request with a body, ready to be sent any number of times.
+pub(crate) struct Prepared {
+    head: Request,
+    body: Bytes,
+    wait: Duration,
 }
 
 /// A connection to a coordinator.
@@ -112,21 +126,27 @@ impl Client {
         url
     }
 
-    /// A request with a body, ready to be sent any number of times.
-    pub(crate) fn post(&self, path: &str, body: Vec<u8>, wait: Duration) -> Result<Request, ClientError> {
-        let transfer = self.transfer_time(body.len() as u64);
+    /// A request with a body; its answer may take `wait` longer than usual.
+    pub(crate) fn post(&self, path: &str, body: Vec<u8>, wait: Duration) -> Result<Prepared, ClientError> {
         let request = self
             .request(Method::POST, path)
             .header(CONTENT_TYPE, MESSAGE_MEDIA_TYPE);
-        Ok(request.timeout(SHORT + wait + transfer).body(body).build()?)
+        Ok(Prepared {
+            head: request.build()?,
+            body: body.into(),
+            wait: SHORT + wait,
+        })
+    }
+
+    async fn execute(&self, request: &Prepared) -> Result<Response, ClientError> {
+        let head = request.head.try_clone();
+        let head = head.ok_or_else(|| ClientError::Answer("a request that cannot be repeated".into()))?;
+        succeed(transfer::send(&self.http, head, request.body.clone(), request.wait).await?).await
     }
 
     /// Sends a prepared request and reads the reply.
-    pub(crate) async fn send<R: Message>(&self, request: &Request) -> Result<R, ClientError> {
-        let again = request
-            .try_clone()
-            .ok_or_else(|| ClientError::Answer("a body that cannot be repeated".into()))?;
-        let response = succeed(self.http.execute(again).await?).await?;
+    pub(crate) async fn send<R: Message>(&self, request: &Prepared) -> Result<R, ClientError> {
+        let response = self.execute(request).await?;
         Ok(codec::decode(&read_bounded(response, MESSAGE_BYTES).await?)?)
     }
 
@@ -154,9 +174,8 @@ impl Client {
     /// What the iterations of a lease go on from: so many values.
     pub(crate) async fn statistics(&self, request: &StatisticsRequest, values: usize) -> Result<Vec<f32>, ClientError> {
         let bytes = statistics_body_bytes(values);
-        let wait = self.transfer_time(bytes as u64);
-        let request = self.post("worker/statistics", codec::encode(request)?, wait)?;
-        let body = read_bounded(succeed(self.http.execute(request).await?).await?, bytes).await?;
+        let request = self.post("worker/statistics", codec::encode(request)?, reading_time(bytes as u64))?;
+        let body = read_bounded(self.execute(&request).await?, bytes).await?;
         read_statistics(&body, values).ok_or_else(|| {
             let problem = Problem::new(ErrorCode::Unavailable, "the statistics were damaged on the way");
             ClientError::Problem(Box::new(problem))
@@ -165,8 +184,8 @@ impl Client {
 
     /// The manifest of a bundle.
     pub(crate) async fn manifest(&self, hash: BlobHash) -> Result<BundleManifest, ClientError> {
-        let request = self.request(Method::GET, &format!("bundles/{hash}")).timeout(4 * SHORT);
-        let bytes = read_bounded(succeed(request.send().await?).await?, MANIFEST_BYTES).await?;
+        let request = self.request(Method::GET, &format!("bundles/{hash}"));
+        let bytes = read_bounded(succeed(answered(request).await?).await?, MANIFEST_BYTES).await?;
         let manifest: BundleManifest =
             serde_json::from_slice(&bytes).map_err(|error| ClientError::Answer(error.to_string()))?;
         if manifest.hash() != hash {
@@ -179,30 +198,35 @@ impl Client {
     }
 
     /// The bytes of a file, piece by piece; the caller verifies them. They may come from the object store.
-    pub(crate) async fn blob(&self, hash: BlobHash, bytes: u64) -> Result<Response, ClientError> {
-        let timeout = SHORT + self.transfer_time(bytes);
-        let request = self.request(Method::GET, &format!("blobs/{hash}")).timeout(timeout);
-        let response = request.send().await?;
+    pub(crate) async fn blob(&self, hash: BlobHash) -> Result<Response, ClientError> {
+        let response = answered(self.request(Method::GET, &format!("blobs/{hash}"))).await?;
         if response.status() != StatusCode::TEMPORARY_REDIRECT {
             return succeed(response).await;
         }
         let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok());
         let url = place.ok_or_else(|| ClientError::Answer("a redirection to nowhere".into()))?;
-        let response = self.store.get(url).timeout(timeout).send().await;
-        from_store(response)
+        from_store(answered(self.store.get(url)).await)
     }
 
     /// Puts bytes to a signed URL.
     pub(crate) async fn put(&self, url: &str, bytes: Bytes) -> Result<(), ClientError> {
-        let timeout = SHORT + self.transfer_time(bytes.len() as u64);
-        let response = self.store.put(url).timeout(timeout).body(bytes).send().await;
-        from_store(response).map(drop)
+        let request = self.store.put(url).build()?;
+        from_store(transfer::send(&self.store, request, bytes, SILENCE).await).map(drop)
     }
+}
 
-    /// The longest that a transfer may take.
-    pub(crate) fn transfer_time(&self, bytes: u64) -> Duration {
-        Duration::from_secs(bytes / SLOWEST)
-    }
+/// Sends a request without a body; its answer begins soon.
+async fn answered(request: RequestBuilder) -> Result<Response, TransferError> {
+    let late = |_| TransferError::Silent {
+        silence: SILENCE,
+        moved: 0,
+    };
+    Ok(tokio::time::timeout(SILENCE, request.send()).await.map_err(late)??)
+}
+
+/// How long a coordinator may read an image of so many bytes before it answers.
+pub(crate) fn reading_time(bytes: u64) -> Duration {
+    Duration::from_secs(bytes / READING)
 }
 
 /// Repeats a request that may succeed later, until `stop`.
@@ -230,8 +254,11 @@ pub(crate) async fn retry<T, F: Future<Output = Result<T, ClientError>>>(
 }
 
 /// An answer of the object store; its errors do not show the URL, which is a key.
-fn from_store(response: Result<Response, reqwest::Error>) -> Result<Response, ClientError> {
-    let response = response.map_err(reqwest::Error::without_url)?;
+fn from_store(response: Result<Response, TransferError>) -> Result<Response, ClientError> {
+    let response = response.map_err(|error| match error {
+        TransferError::Http(error) => error.without_url().into(),
+        silent => silent,
+    })?;
     if !response.status().is_success() {
         return Err(ClientError::Store(response.status()));
     }
@@ -256,7 +283,7 @@ async fn succeed(response: Response) -> Result<Response, ClientError> {
 
 async fn read_bounded(response: Response, limit: usize) -> Result<Vec<u8>, ClientError> {
     let mut bytes = Vec::new();
-    let mut stream = response.bytes_stream();
+    let mut stream = std::pin::pin!(transfer::pieces(response, SILENCE));
     while let Some(piece) = stream.next().await {
         bytes.extend_from_slice(&piece?);
         if bytes.len() > limit {

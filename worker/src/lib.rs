@@ -11,6 +11,7 @@ mod credentials;
 mod held;
 mod outbox;
 mod render;
+pub mod transfer;
 mod worker;
 
 pub use cache::{BundleFiles, Cache, FileError};

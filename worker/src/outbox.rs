@@ -2,7 +2,7 @@
 
 use crate::backoff::Backoff;
 use crate::block::Sum;
-use crate::client::{Client, ClientError, retry};
+use crate::client::{Client, ClientError, reading_time, retry};
 use crate::held::{Held, LeaseState};
 use bytes::Bytes;
 use photonfarm_proto::id::{BlobHash, WorkerId};
@@ -183,7 +183,7 @@ async fn store(
             NodePlace::Url(url) => {
                 client.put(&url, upload.image.clone()).await?;
                 // The coordinator may have to read the image first.
-                let reading = client.transfer_time(upload.image.len() as u64);
+                let reading = reading_time(upload.image.len() as u64);
                 let _reply: NodeReply = client.call("worker/nodes/stored", announced, reading).await?;
                 Ok(())
             }

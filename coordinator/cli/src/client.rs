@@ -1,7 +1,8 @@
 //! A client of the coordinator's public interface that goes on through restarts.
 
 use anyhow::{Context, Result, anyhow, bail};
-use futures_util::StreamExt;
+use bytes::Bytes;
+use futures_util::{StreamExt, TryStreamExt};
 use photonfarm_proto::api::{
     BundleReply, EVENT_END, EVENT_STATUS, Health, IDEMPOTENCY_KEY, JobPage, SetPriority, WorkerList, WorkerStatus,
 };
@@ -11,6 +12,8 @@ use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::Problem;
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_worker::Credentials;
+use photonfarm_worker::transfer::{self, SILENCE, TransferError};
+use reqwest::header::CONTENT_TYPE;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -34,6 +37,8 @@ const EVENT_BYTES: usize = 16 << 20;
 #[derive(Clone, Debug)]
 pub(crate) struct Client {
     http: reqwest::Client,
+    /// For long bodies: a limit on reading would go on while they are sent.
+    uploads: reqwest::Client,
     base: Url,
     credentials: Credentials,
 }
@@ -55,15 +60,13 @@ impl Client {
             bail!("`{url}` cannot be a coordinator: {advice}");
         }
         credentials.warn_if_exposed(&base);
-        let http = credentials
-            .trust(reqwest::Client::builder())
-            .no_proxy()
-            .connect_timeout(CONNECT_TIMEOUT)
-            .pool_idle_timeout(IDLE)
-            .read_timeout(READ_TIMEOUT)
-            .build()?;
+        let builder = || {
+            let builder = credentials.trust(reqwest::Client::builder()).no_proxy();
+            builder.connect_timeout(CONNECT_TIMEOUT).pool_idle_timeout(IDLE)
+        };
         Ok(Self {
-            http,
+            http: builder().read_timeout(READ_TIMEOUT).build()?,
+            uploads: builder().build()?,
             base,
             credentials,
         })
@@ -91,16 +94,31 @@ impl Client {
 
     /// Announces a bundle; the answer says what is missing.
     pub(crate) async fn announce(&self, manifest: &BundleManifest) -> Result<BundleReply> {
-        let request = || self.request(Method::POST, "bundles").json(manifest);
-        Ok(self.retry(PATIENCE, request).await?.json().await?)
+        let body = serde_json::to_vec(manifest)?.into();
+        let request = || {
+            self.request(Method::POST, "bundles")
+                .header(CONTENT_TYPE, "application/json")
+        };
+        let answer = self.transfer(request, &body).await?;
+        let answer: Vec<Bytes> = transfer::pieces(answer, SILENCE).try_collect().await?;
+        Ok(serde_json::from_slice(&answer.concat())?)
     }
 
-    /// Sends a file of a bundle.
+    /// Sends a file of a bundle, however long that takes.
     pub(crate) async fn upload(&self, hash: BlobHash, bytes: &[u8]) -> Result<()> {
         let path = format!("blobs/{hash}");
-        self.retry(PATIENCE, || self.request(Method::PUT, &path).body(bytes.to_vec()))
-            .await?;
+        let bytes = Bytes::copy_from_slice(bytes);
+        self.transfer(|| self.request(Method::PUT, &path), &bytes).await?;
         Ok(())
+    }
+
+    /// Sends a long body.
+    async fn transfer(&self, request: impl Fn() -> RequestBuilder, body: &Bytes) -> Result<Response> {
+        let send = async || {
+            let request = request().build()?;
+            transfer::send(&self.uploads, request, body.clone(), SILENCE).await
+        };
+        self.repeat(PATIENCE, send).await
     }
 
     /// Creates a job. The key makes repetition harmless: a job is created once.
@@ -219,11 +237,20 @@ impl Client {
         format!("{base}/v1/{path}")
     }
 
-    /// Sends a request again and again, with growing pauses, until it is answered or refused.
+    /// Sends a short request again and again, until it is answered or refused.
     async fn retry(&self, patience: Duration, request: impl Fn() -> RequestBuilder) -> Result<Response> {
+        self.repeat(patience, async || Ok(request().send().await?)).await
+    }
+
+    /// Sends a request again and again, with growing pauses, until it is answered or refused.
+    async fn repeat(
+        &self,
+        patience: Duration,
+        send: impl AsyncFn() -> Result<Response, TransferError>,
+    ) -> Result<Response> {
         let (started, mut pause) = (Instant::now(), FIRST_PAUSE);
         loop {
-            match send(request()).await {
+            match judge(send().await).await {
                 Ok(response) => return Ok(response),
                 Err(Failure::Refused(error)) => return Err(error),
                 Err(Failure::Away(error)) if started.elapsed() + pause > patience => return Err(error),
@@ -235,10 +262,11 @@ impl Client {
     }
 }
 
-async fn send(request: RequestBuilder) -> Result<Response, Failure> {
-    let response = request.send().await.map_err(|error| match error.is_builder() {
-        true => Failure::Refused(error.into()),
-        false => Failure::Away(error.into()),
+/// Whether an answer is one, or there may be one later.
+async fn judge(answer: Result<Response, TransferError>) -> Result<Response, Failure> {
+    let response = answer.map_err(|error| match &error {
+        TransferError::Http(http) if http.is_builder() => Failure::Refused(error.into()),
+        _ => Failure::Away(error.into()),
     })?;
     let status = response.status();
     if status.is_success() {

@@ -50,7 +50,7 @@ impl Default for Timeouts {
             head: Duration::from_secs(60),
             stall: Duration::from_secs(30),
             handshake: Duration::from_secs(10),
-            bytes_per_second: 10_000,
+            bytes_per_second: 1000,
         }
     }
 }
