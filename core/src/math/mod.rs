@@ -15,6 +15,12 @@ pub use glam::{DVec3, Vec2, Vec3};
 pub use std::f32::consts::{FRAC_1_PI, PI, TAU};
 pub use transform::Transform;
 
+// Vectors of `glam` must come as scalar code, also where another crate asks for it with other features.
+const _: () = assert!(
+    align_of::<glam::Vec4>() == align_of::<f32>(),
+    "glam lacks the feature scalar-math"
+);
+
 /// The largest `f32` below one: the upper end of a unit random number.
 pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 

@@ -11,7 +11,7 @@ pub struct Limits {
     pub files: u64,
     /// Bytes of XML, each reading of a file and each filled-in parameter counted.
     pub xml_bytes: u64,
-    /// XML nodes (elements, texts, comments) of one file.
+    /// XML nodes (elements and texts) of one file.
     pub xml_nodes: u32,
     /// Nesting depth of XML elements, of included files, and of objects within objects.
     pub depth: u32,

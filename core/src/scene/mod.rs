@@ -13,6 +13,7 @@ mod loader;
 mod mesh;
 mod reader;
 mod spectrum;
+mod text;
 mod xml;
 
 pub use error::{Place, SceneError};

@@ -3,6 +3,7 @@
 use super::{MeshFile, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
+use crate::scene::text;
 use std::collections::HashMap;
 
 /// Statements that do not change the triangles.
@@ -40,13 +41,18 @@ struct ObjReader {
 
 pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError> {
     let mut reader = ObjReader::default();
-    for (index, line) in file.bytes.split(|byte| *byte == b'\n').enumerate() {
-        let number = index as u32 + 1;
+    for (number, line) in text::lines(file.bytes) {
         let broken = |reason: String| file.broken(number, reason);
         let hash = line.iter().position(|byte| *byte == b'#').unwrap_or(line.len());
-        let line = std::str::from_utf8(&line[..hash]).map_err(|_| broken("the line is not text".into()))?;
-        let mut words = line.split_ascii_whitespace();
-        let Some(keyword) = words.next() else { continue };
+        let line = line[..hash].trim_ascii();
+        let end = line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len());
+        // Names of objects and materials may be in any encoding.
+        if end == 0 || IGNORED.iter().any(|name| name.as_bytes() == &line[..end]) {
+            continue;
+        }
+        let line = std::str::from_utf8(line).map_err(|_| broken("the line is not text".into()))?;
+        let (keyword, rest) = line.split_at(end);
+        let words = rest.split_ascii_whitespace();
         let statement = Statement { keyword, words };
         reader.statement(statement, flip_v).map_err(broken)?;
         if keyword == "f" {
@@ -87,16 +93,15 @@ impl ObjReader {
         match statement.keyword {
             "v" => self.positions.push(Vec3::from_array(statement.numbers()?)),
             "vn" => {
+                // A normal without direction is a missing one.
                 let normal = Vec3::from_array(statement.numbers()?);
-                self.normals
-                    .push(normal.try_normalize().ok_or("`vn`: the normal has no direction")?);
+                self.normals.push(normal.normalize_or_zero());
             }
             "vt" => {
                 let [u, v] = statement.numbers()?;
                 self.uvs.push(Vec2::new(u, if flip_v { 1.0 - v } else { v }));
             }
             "f" => self.face(statement.words)?,
-            other if IGNORED.contains(&other) => {}
             other => {
                 let other: String = other.chars().take(40).collect();
                 return Err(format!(
@@ -219,7 +224,6 @@ mod tests {
             ("v 0 0\n", 1, "needs 3 numbers"),
             ("v 0 0 nan\n", 1, "not a finite number"),
             ("\nv 0 0 1e99\n", 2, "not a finite number"),
-            ("vn 0 0 0\n", 1, "no direction"),
             ("v 0 0 0\nf 1 1 2\n", 2, "out of range"),
             ("v 0 0 0\nf 1 1 0\n", 2, "out of range"),
             ("v 0 0 0\nf 1 1 -2\n", 2, "out of range"),
@@ -234,5 +238,16 @@ mod tests {
             mesh_error(parse(text), line, reason);
         }
         mesh_error(with_file(b"v 1 2 \xff\n", |file| file.obj(true)), 1, "not text");
+    }
+
+    /// A byte order mark, names in Latin-1, lone CRs, and normals without direction.
+    #[test]
+    fn files_of_other_programs_are_read() {
+        let text = b"\xef\xbb\xbfv 0 0 0\rv 1 0 0\r\nv 0 1 0\rg St\xfchle\rusemtl gr\xfcn\rvn 0 0 0\rvn 0 0 2\r\rf 1//1 2//2 3//1\rv 0\r";
+        let end = text.len() - 4;
+        let mesh = with_file(&text[..end], |file| file.obj(true)).unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2]]);
+        assert_eq!(mesh.normals, [Vec3::ZERO, Vec3::Z, Vec3::ZERO]);
+        mesh_error(with_file(text, |file| file.obj(true)), 10, "needs 3 numbers");
     }
 }

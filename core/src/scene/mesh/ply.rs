@@ -4,6 +4,7 @@
 use super::{MeshFile, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
+use crate::scene::text;
 
 /// The longest header.
 const HEADER_BYTES: usize = 1 << 16;
@@ -52,6 +53,31 @@ impl Scalar {
     }
 }
 
+/// How the lines of a file end. Its first line tells, since the bytes after a binary file's header may be line ends by chance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum LineEnd {
+    /// LF, or CR LF.
+    Lf,
+    /// A lone CR.
+    Cr,
+}
+
+impl LineEnd {
+    fn of(bytes: &[u8]) -> Self {
+        match bytes.iter().position(|byte| matches!(byte, b'\n' | b'\r')) {
+            Some(end) if bytes[end] == b'\r' && bytes.get(end + 1) != Some(&b'\n') => Self::Cr,
+            _ => Self::Lf,
+        }
+    }
+
+    fn last_byte(self) -> u8 {
+        match self {
+            Self::Lf => b'\n',
+            Self::Cr => b'\r',
+        }
+    }
+}
+
 struct Property {
     name: String,
     /// The type of a list's length; `None` for a single value.
@@ -67,6 +93,7 @@ struct Element {
 
 struct Header {
     encoding: Encoding,
+    line_end: LineEnd,
     elements: Vec<Element>,
     /// Bytes and lines of the header.
     bytes: usize,
@@ -79,6 +106,7 @@ pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError>
         file,
         encoding: header.encoding,
         rest: &file.bytes[header.bytes..],
+        line_end: header.line_end,
         line: header.lines + 1,
     };
     let mut mesh = RawMesh::default();
@@ -111,20 +139,23 @@ pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError>
 fn header(file: &MeshFile) -> Result<Header, SceneError> {
     let mut header = Header {
         encoding: Encoding::Text,
+        line_end: LineEnd::of(file.bytes),
         elements: Vec::new(),
-        bytes: 0,
+        bytes: file.bytes.len() - text::without_mark(file.bytes).len(),
         lines: 0,
     };
     let mut format = false;
     loop {
         let rest = &file.bytes[header.bytes..];
-        let end = rest.iter().take(HEADER_BYTES).position(|byte| *byte == b'\n');
+        let last = header.line_end.last_byte();
+        let end = rest.iter().take(HEADER_BYTES).position(|byte| *byte == last);
         header.lines += 1;
         let broken = |reason: &str| file.broken(header.lines, reason);
         let Some(end) = end.filter(|_| header.bytes < HEADER_BYTES) else {
             return Err(broken("the header has no `end_header` within its first 64 KiB"));
         };
-        let line = std::str::from_utf8(&rest[..end]).map_err(|_| broken("the header is not text"))?;
+        // Comments and names may be in any encoding.
+        let line = String::from_utf8_lossy(&rest[..end]);
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         header.bytes += end + 1;
         if header.lines == 1 {
@@ -199,6 +230,7 @@ struct Body<'a, 'f> {
     file: &'a MeshFile<'f>,
     encoding: Encoding,
     rest: &'a [u8],
+    line_end: LineEnd,
     line: u32,
 }
 
@@ -286,8 +318,9 @@ impl Body<'_, '_> {
     }
 
     fn text_number(&mut self, scalar: Scalar) -> Result<f64, SceneError> {
+        let last = self.line_end.last_byte();
         let start = self.rest.iter().position(|byte| {
-            if *byte == b'\n' {
+            if *byte == last {
                 self.line += 1;
             }
             !byte.is_ascii_whitespace()
@@ -350,9 +383,9 @@ fn vertices(body: &mut Body, element: &Element, flip_v: bool, mesh: &mut RawMesh
         body.record(element, store, |_, _| Ok(()))?;
         mesh.positions.push(Vec3::from_array(place.map(|column| row[column])));
         if let Some(normal) = normal {
-            let direction = Vec3::from_array(normal.map(|column| row[column])).try_normalize();
-            let missing = || body.broken(format!("vertex {index}: the normal has no direction"));
-            mesh.normals.push(direction.ok_or_else(missing)?);
+            // A normal without direction is a missing one.
+            let normal = Vec3::from_array(normal.map(|column| row[column]));
+            mesh.normals.push(normal.normalize_or_zero());
         }
         if let Some([u, v]) = uv {
             mesh.uvs
@@ -428,6 +461,48 @@ mod tests {
             }
             assert_eq!(parse(&bytes).unwrap(), mesh);
         }
+    }
+
+    /// Byte order marks, comments in Latin-1, lone CRs, and normals without direction.
+    #[test]
+    fn files_of_other_programs_are_read() {
+        let text = "ply\nformat ascii 1.0\ncomment @\nelement vertex 3\nproperty float x\nproperty float y\n\
+            property float z\nproperty float nx\nproperty float ny\nproperty float nz\nelement face 1\n\
+            property list uchar int vertex_indices\nend_header\n0 0 0 0 0 0\n1 0 0 0 0 1\n0 1 0 0 0 2\n3 0 1 2\n";
+        let latin1 = |text: &str| {
+            text.bytes()
+                .map(|b| if b == b'@' { 0xe9 } else { b })
+                .collect::<Vec<u8>>()
+        };
+        let mesh = parse(&latin1(text)).unwrap();
+        assert_eq!(mesh.normals, [Vec3::ZERO, Vec3::Z, Vec3::Z]);
+        for end in ["\r\n", "\r"] {
+            let text = text.replace('\n', end);
+            assert_eq!(parse(&latin1(&text)).unwrap(), mesh, "{end:?}");
+            assert_eq!(
+                parse(&[b"\xef\xbb\xbf", &latin1(&text)[..]].concat()).unwrap(),
+                mesh,
+                "{end:?}"
+            );
+            mesh_error(
+                parse(&latin1(&text.replace("0 1 0 0 0 2", "0 1 x 0 0 2"))),
+                16,
+                "not a number",
+            );
+        }
+        // A binary body may begin with the byte of a line feed, here that of a coordinate.
+        let header = HEADER
+            .replace("ascii", "binary_little_endian")
+            .replace('\n', "\r")
+            .replace("vertex 4", "vertex 3");
+        let mut bytes = header.into_bytes();
+        let first = f32::from_le_bytes([b'\n', 0, 0, 0x40]);
+        for value in [first, 0., 0., 0., 0., 1., 0., 0., 0., 0., 0., 1., 0., 0., 0.] {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.push(3);
+        bytes.extend([0_i32, 1, 2].iter().flat_map(|index| index.to_le_bytes()));
+        assert_eq!(parse(&bytes).unwrap().positions[0].x, first);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::super::error::{Place, SceneError, within};
 use super::super::limits::Limits;
 use super::super::loader::LoadedFile;
+use super::super::text;
 use super::values::shortened;
 use roxmltree::{Node, ParsingOptions};
 use std::sync::Arc;
@@ -17,16 +18,12 @@ pub(super) struct Document {
 impl Document {
     pub(super) fn new(file: &LoadedFile) -> Result<Self, SceneError> {
         let name: Arc<str> = file.name.as_str().into();
-        let text = std::str::from_utf8(&file.bytes).map_err(|error| {
-            let before = &file.bytes[..error.valid_up_to()];
-            let line = before.iter().filter(|byte| **byte == b'\n').count() as u32 + 1;
-            SceneError::Xml {
-                place: Place {
-                    file: name.clone(),
-                    line,
-                },
-                reason: "the text is not UTF-8".into(),
-            }
+        let text = text::xml(&file.bytes).map_err(|(line, reason)| SceneError::Xml {
+            place: Place {
+                file: name.clone(),
+                line,
+            },
+            reason,
         })?;
         let line_starts = text
             .bytes()
@@ -36,7 +33,7 @@ impl Document {
             .collect();
         Ok(Self {
             file: name,
-            text: text.to_owned(),
+            text,
             line_starts,
         })
     }

@@ -1,6 +1,7 @@
 //! Numbers, lists and colours inside attribute values.
 
 use super::super::description::SpectrumValue;
+use super::super::text;
 use glam::DVec3;
 
 /// The parts of a list separated by commas or white space.
@@ -83,13 +84,12 @@ pub(super) fn spectrum(text: &str) -> Result<SpectrumValue, String> {
 
 /// A spectrum file: one `wavelength value` pair a line, `#` starts a comment. The error comes with its line.
 pub(super) fn spectrum_file(bytes: &[u8]) -> Result<SpectrumValue, (u32, String)> {
-    let text = std::str::from_utf8(bytes).map_err(|_| (0, "the file is not text".to_owned()))?;
     let mut pairs = Vec::new();
-    for (index, line) in text.lines().enumerate() {
-        if line.starts_with('#') || line.trim().is_empty() {
+    for (number, line) in text::lines(bytes) {
+        if line.starts_with(b"#") || line.trim_ascii().is_empty() {
             continue;
         }
-        let number = index as u32 + 1;
+        let line = std::str::from_utf8(line).map_err(|_| (number, "the line is not text".to_owned()))?;
         match floats(line).map_err(|reason| (number, reason))?[..] {
             [wavelength, value] => pairs.push((wavelength, value)),
             ref values => {
@@ -164,5 +164,10 @@ mod tests {
             spectrum("400:1 700:2").ok()
         );
         assert_eq!(spectrum_file(b"400 1\n500\n").map_err(|e| e.0), Err(2));
+        assert_eq!(spectrum_file(b"400 1\r\xff\r").map_err(|e| e.0), Err(2));
+        assert_eq!(
+            spectrum_file(b"\xef\xbb\xbf# \xe9\r400 1\r\n700 2").ok(),
+            spectrum("400:1 700:2").ok()
+        );
     }
 }
