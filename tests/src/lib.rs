@@ -3,4 +3,5 @@
 pub mod farm;
 pub mod fuzz;
 pub mod processes;
+pub mod proxy;
 pub mod statistics;

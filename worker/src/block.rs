@@ -1,5 +1,6 @@
 //! Renders the leaves of a lease and sums them in the tree's shape.
 
+use crate::drain::Stop;
 use crate::held::LeaseState;
 use crate::render::LoadedScene;
 use photonfarm_core::film::{FilmError, Node};
@@ -22,7 +23,7 @@ pub(crate) struct Sum {
 pub(crate) enum Ending {
     /// All leaves are rendered.
     Complete,
-    /// The worker is to stop: the rest goes back.
+    /// The worker is to stop: the rest goes back, the leaf at hand included if time is up.
     Drained,
     /// The lease is lost: nothing of it counts.
     Lost,
@@ -45,18 +46,18 @@ pub(crate) fn render_block(
     block: NodeKey,
     mut before: Vec<f32>,
     state: &LeaseState,
-    drain: &CancellationToken,
+    stop: &Stop,
 ) -> (Vec<Sum>, Ending) {
     let mut forest = Forest::default();
     let mut leaf_totals = Vec::new();
     let mut ending = Ending::Complete;
     for leaf in block.first()..block.end() {
-        if drain.is_cancelled() {
+        if stop.drain.is_cancelled() {
             ending = Ending::Drained;
             break;
         }
         let leaf = leaf as u32;
-        let rendered = render_leaf(scene, spec, leaf, &before, state).and_then(|(node, totals)| {
+        let rendered = render_leaf(scene, spec, leaf, &before, state, &stop.abandon).and_then(|(node, totals)| {
             before.clone_from(&node.statistics);
             forest
                 .push(node)
@@ -65,7 +66,11 @@ pub(crate) fn render_block(
         });
         match rendered {
             Ok(totals) => leaf_totals.push(totals),
-            Err(LeafError::Lost) => return (Vec::new(), Ending::Lost),
+            Err(LeafError::Cancelled) if state.is_lost() => return (Vec::new(), Ending::Lost),
+            Err(LeafError::Cancelled) => {
+                ending = Ending::Drained;
+                break;
+            }
             Err(LeafError::Failed(kind, message)) => {
                 ending = Ending::Failed { leaf, kind, message };
                 break;
@@ -97,14 +102,15 @@ pub(crate) fn render_block(
 }
 
 enum LeafError {
-    Lost,
+    /// The lease is lost, or the leaf is given up.
+    Cancelled,
     Failed(FailureKind, String),
 }
 
 impl From<RenderError> for LeafError {
     fn from(error: RenderError) -> Self {
         match error {
-            RenderError::Cancelled => Self::Lost,
+            RenderError::Cancelled => Self::Cancelled,
             RenderError::Setting(_) => Self::Failed(FailureKind::Scene, error.to_string()),
             RenderError::BadPixel { .. } | RenderError::Statistics { .. } => {
                 Self::Failed(FailureKind::Render, error.to_string())
@@ -125,8 +131,9 @@ fn render_leaf(
     leaf: u32,
     before: &[f32],
     state: &LeaseState,
+    abandon: &CancellationToken,
 ) -> Result<(Node, Totals), LeafError> {
-    let clock = PhaseClock::new(state);
+    let clock = PhaseClock::new(state, abandon);
     let iteration = leaf + 1;
     let render = || scene.render(&spec.integrator, spec.seed, iteration, before, &clock);
     let result = catch_unwind(AssertUnwindSafe(render)).map_err(|panic| {
@@ -157,16 +164,18 @@ pub(crate) fn panic_message(panic: &(dyn std::any::Any + Send)) -> &str {
         .unwrap_or("without a message")
 }
 
-/// Takes the times of an iteration's phases, and passes on that a lease is lost.
+/// Takes the times of an iteration's phases, and passes on that a lease is lost or its leaf given up.
 struct PhaseClock<'a> {
     state: &'a LeaseState,
+    abandon: &'a CancellationToken,
     current: Mutex<(Option<Phase>, Instant, PhaseSeconds)>,
 }
 
 impl<'a> PhaseClock<'a> {
-    fn new(state: &'a LeaseState) -> Self {
+    fn new(state: &'a LeaseState, abandon: &'a CancellationToken) -> Self {
         Self {
             state,
+            abandon,
             current: Mutex::new((None, Instant::now(), PhaseSeconds::default())),
         }
     }
@@ -197,6 +206,6 @@ impl Observer for PhaseClock<'_> {
     }
 
     fn cancelled(&self) -> bool {
-        self.state.is_lost()
+        self.state.is_lost() || self.abandon.is_cancelled()
     }
 }

@@ -47,13 +47,25 @@ pub struct Cache {
 impl Cache {
     /// Opens or makes a folder that holds at most about `limit` bytes besides the scene in use. What workers were
     /// writing when they were killed is removed.
+    ///
+    /// # Errors
+    /// A folder in which no file can be made. One on a full disk passes: what is in it may be all that is needed.
     pub fn open(root: &Path, limit: u64) -> io::Result<Self> {
         std::fs::create_dir_all(root)?;
         remove_abandoned(root)?;
-        Ok(Self {
+        let cache = Self {
             root: root.to_owned(),
             limit,
-        })
+        };
+        match cache.part() {
+            Err(error) if error.kind() != io::ErrorKind::StorageFull => Err(error),
+            _ => Ok(cache),
+        }
+    }
+
+    /// The folder.
+    pub(crate) fn root(&self) -> &Path {
+        &self.root
     }
 
     fn path(&self, hash: BlobHash) -> PathBuf {
@@ -61,7 +73,7 @@ impl Cache {
     }
 
     /// A file to be renamed once it is whole; whoever writes to it holds its lock.
-    fn part(&self) -> io::Result<NamedTempFile> {
+    pub(crate) fn part(&self) -> io::Result<NamedTempFile> {
         let file = tempfile::Builder::new().prefix(PART).tempfile_in(&self.root)?;
         if let Err(error) = file.as_file().lock() {
             tracing::debug!(%error, "a file of the cache cannot be locked");

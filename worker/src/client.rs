@@ -2,6 +2,8 @@
 
 use crate::backoff::Backoff;
 use crate::credentials::Credentials;
+use crate::notices::Notices;
+use crate::reach::{Reach, explain, is_no_connection};
 use crate::transfer::{self, SILENCE, TransferError};
 use bytes::Bytes;
 use futures_util::StreamExt;
@@ -13,7 +15,7 @@ use photonfarm_proto::worker::{StatisticsRequest, read_statistics, statistics_bo
 use reqwest::header::{CONTENT_TYPE, LOCATION};
 use reqwest::redirect::Policy;
 use reqwest::{Method, Request, RequestBuilder, Response, StatusCode, Url};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use thiserror::Error;
 use tokio_util::sync::CancellationToken;
 
@@ -23,21 +25,32 @@ const SHORT: Duration = Duration::from_secs(15);
 const IDLE: Duration = Duration::from_secs(30);
 /// How fast a coordinator reads images at least, which it may have to before it answers [bytes per second].
 const READING: u64 = 1_000_000;
+/// How long a request may fail before that is said.
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Most bytes of a manifest.
 const MANIFEST_BYTES: usize = 64 << 20;
 
 /// Why a request failed.
 #[derive(Debug, Error)]
 pub enum ClientError {
-    /// No answer: the coordinator is away, or the object store, or the network.
-    #[error("no answer: {0}")]
+    /// No answer: the coordinator is away, or the network.
+    #[error("no answer from the coordinator: {}", explain(.0))]
     Away(#[from] TransferError),
+    /// No answer of the object store.
+    #[error("no answer from the object store: {0}")]
+    StoreAway(String),
     /// The object store says no, perhaps because a signed URL is too old.
     #[error("the object store answers {0}")]
     Store(reqwest::StatusCode),
     /// The coordinator says no.
     #[error("{0}")]
     Problem(Box<Problem>),
+    /// Something that is not a coordinator refuses a body for its size.
+    #[error(
+        "something between here and the coordinator refuses bodies of {0} bytes (413 Payload Too Large): raise its limit \
+         (of nginx: client_max_body_size)"
+    )]
+    TooLarge(u64),
     /// An answer that is not Photonfarm's.
     #[error("the answer cannot be read: {0}")]
     Answer(String),
@@ -54,9 +67,9 @@ impl ClientError {
     #[must_use]
     pub fn retryable(&self) -> bool {
         match self {
-            Self::Away(_) | Self::Store(_) => true,
+            Self::Away(_) | Self::StoreAway(_) | Self::Store(_) => true,
             Self::Problem(problem) => problem.retryable,
-            Self::Answer(_) | Self::Codec(_) | Self::Stopping => false,
+            Self::TooLarge(_) | Self::Answer(_) | Self::Codec(_) | Self::Stopping => false,
         }
     }
 
@@ -91,6 +104,7 @@ pub(crate) struct Client {
     store: reqwest::Client,
     base: Url,
     credentials: Credentials,
+    pub(crate) reach: Reach,
 }
 
 impl Client {
@@ -110,9 +124,25 @@ impl Client {
         Ok(Self {
             http: http.map_err(|error| error.to_string())?,
             store: store.map_err(|error| error.to_string())?,
+            reach: Reach::to(base.as_str().trim_end_matches('/')),
             base,
             credentials,
         })
+    }
+
+    /// The coordinator's URL.
+    pub(crate) fn coordinator(&self) -> &str {
+        self.base.as_str()
+    }
+
+    /// Notes whether the coordinator can be reached.
+    fn noted(&self, answer: Result<Response, TransferError>) -> Result<Response, ClientError> {
+        match &answer {
+            Ok(_) => self.reach.whole(),
+            Err(error) if is_no_connection(error) => self.reach.broken(error),
+            Err(_) => {}
+        }
+        Ok(answer?)
     }
 
     /// A request to the coordinator, with the token.
@@ -141,7 +171,11 @@ impl Client {
     async fn execute(&self, request: &Prepared) -> Result<Response, ClientError> {
         let head = request.head.try_clone();
         let head = head.ok_or_else(|| ClientError::Answer("a request that cannot be repeated".into()))?;
-        succeed(transfer::send(&self.http, head, request.body.clone(), request.wait).await?).await
+        let answer = transfer::send(&self.http, head, request.body.clone(), request.wait).await;
+        match succeed(self.noted(answer)?).await {
+            Err(ClientError::TooLarge(_)) => Err(ClientError::TooLarge(request.body.len() as u64)),
+            other => other,
+        }
     }
 
     /// Sends a prepared request and reads the reply.
@@ -165,10 +199,9 @@ impl Client {
         &self,
         path: &str,
         message: &M,
-        wait: Duration,
         stop: &CancellationToken,
     ) -> Result<R, ClientError> {
-        retry(stop, || self.call(path, message, wait)).await
+        retry(stop, path, || self.call(path, message, Duration::ZERO)).await
     }
 
     /// What the iterations of a lease go on from: so many values.
@@ -185,7 +218,7 @@ impl Client {
     /// The manifest of a bundle.
     pub(crate) async fn manifest(&self, hash: BlobHash) -> Result<BundleManifest, ClientError> {
         let request = self.request(Method::GET, &format!("bundles/{hash}"));
-        let bytes = read_bounded(succeed(answered(request).await?).await?, MANIFEST_BYTES).await?;
+        let bytes = read_bounded(succeed(self.noted(answered(request).await)?).await?, MANIFEST_BYTES).await?;
         let manifest: BundleManifest =
             serde_json::from_slice(&bytes).map_err(|error| ClientError::Answer(error.to_string()))?;
         if manifest.hash() != hash {
@@ -199,7 +232,7 @@ impl Client {
 
     /// The bytes of a file, piece by piece; the caller verifies them. They may come from the object store.
     pub(crate) async fn blob(&self, hash: BlobHash) -> Result<Response, ClientError> {
-        let response = answered(self.request(Method::GET, &format!("blobs/{hash}"))).await?;
+        let response = self.noted(answered(self.request(Method::GET, &format!("blobs/{hash}"))).await)?;
         if response.status() != StatusCode::TEMPORARY_REDIRECT {
             return succeed(response).await;
         }
@@ -229,12 +262,14 @@ pub(crate) fn reading_time(bytes: u64) -> Duration {
     Duration::from_secs(bytes / READING)
 }
 
-/// Repeats a request that may succeed later, until `stop`.
+/// Repeats a request that may succeed later, until `stop`. What it is shows in the log if it fails for longer.
 pub(crate) async fn retry<T, F: Future<Output = Result<T, ClientError>>>(
     stop: &CancellationToken,
+    what: &str,
     mut attempt: impl FnMut() -> F,
 ) -> Result<T, ClientError> {
     let mut backoff = Backoff::default();
+    let mut notices = Notices::from(Instant::now(), PATIENCE);
     loop {
         let result = tokio::select! {
             result = attempt() => result,
@@ -246,6 +281,15 @@ pub(crate) async fn retry<T, F: Future<Output = Result<T, ClientError>>>(
         };
         let wait = backoff.next();
         tracing::debug!(%error, ?wait, "trying again");
+        // That the coordinator cannot be reached at all is said once, not for each request.
+        let reachable = !matches!(&error, ClientError::Away(error) if is_no_connection(error));
+        let now = Instant::now();
+        if reachable && notices.due(now) {
+            tracing::warn!(
+                "{what} fails for {} s and is tried again: {error}",
+                notices.seconds(now)
+            );
+        }
         tokio::select! {
             () = tokio::time::sleep(wait) => {}
             () = stop.cancelled() => return Err(ClientError::Stopping),
@@ -255,10 +299,7 @@ pub(crate) async fn retry<T, F: Future<Output = Result<T, ClientError>>>(
 
 /// An answer of the object store; its errors do not show the URL, which is a key.
 fn from_store(response: Result<Response, TransferError>) -> Result<Response, ClientError> {
-    let response = response.map_err(|error| match error {
-        TransferError::Http(error) => error.without_url().into(),
-        silent => silent,
-    })?;
+    let response = response.map_err(|error| ClientError::StoreAway(explain(&error)))?;
     if !response.status().is_success() {
         return Err(ClientError::Store(response.status()));
     }
@@ -277,6 +318,7 @@ async fn succeed(response: Response) -> Result<Response, ClientError> {
             let problem = Problem::new(ErrorCode::Unavailable, format!("the answer is {status}"));
             Err(ClientError::Problem(Box::new(problem)))
         }
+        Err(_) if status == StatusCode::PAYLOAD_TOO_LARGE => Err(ClientError::TooLarge(0)),
         Err(_) => Err(ClientError::Answer(format!("{status}, and not from a coordinator"))),
     }
 }

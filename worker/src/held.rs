@@ -1,19 +1,39 @@
 //! The leases this worker holds: what is rendered, and what waits to be delivered.
 
-use photonfarm_proto::id::LeaseToken;
-use photonfarm_proto::worker::LeaseProgress;
-use std::collections::BTreeMap;
+use photonfarm_proto::id::{JobId, LeaseToken};
+use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::worker::{Lease, LeaseProgress};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How far a lease has come, and whether it is still worth the effort.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct LeaseState {
+    job: JobId,
+    node: NodeKey,
     leaves_done: AtomicU32,
+    rendered: AtomicBool,
     lost: AtomicBool,
 }
 
 impl LeaseState {
+    /// Of a lease that was just granted.
+    pub(crate) fn of(lease: &Lease) -> Self {
+        Self {
+            job: lease.job,
+            node: lease.node,
+            leaves_done: AtomicU32::new(0),
+            rendered: AtomicBool::new(false),
+            lost: AtomicBool::new(false),
+        }
+    }
+
+    /// All that will be rendered is: it remains to be delivered.
+    pub(crate) fn set_rendered(&self) {
+        self.rendered.store(true, Ordering::Relaxed);
+    }
+
     /// One more leaf is rendered.
     pub(crate) fn leaf_done(&self) {
         self.leaves_done.fetch_add(1, Ordering::Relaxed);
@@ -37,8 +57,9 @@ impl Held {
     }
 
     /// A lease was granted.
-    pub(crate) fn add(&self, token: LeaseToken) -> Arc<LeaseState> {
-        self.lock().entry(token).or_default().clone()
+    pub(crate) fn add(&self, lease: &Lease) -> Arc<LeaseState> {
+        let fresh = || Arc::new(LeaseState::of(lease));
+        self.lock().entry(lease.token).or_insert_with(fresh).clone()
     }
 
     /// A lease is over.
@@ -58,6 +79,31 @@ impl Held {
             leaves_done: state.leaves_done.load(Ordering::Relaxed),
         };
         self.lock().iter().map(progress).collect()
+    }
+
+    /// What there is still to do, in words; none if nothing is.
+    pub(crate) fn left_to_do(&self) -> Option<String> {
+        let leases = self.lock();
+        let (rendered, at_work): (Vec<_>, Vec<_>) = leases
+            .values()
+            .partition(|state| state.rendered.load(Ordering::Relaxed));
+        let mut parts: Vec<String> = at_work
+            .iter()
+            .map(|state| {
+                let iteration = state.node.first() + 1 + u64::from(state.leaves_done.load(Ordering::Relaxed));
+                format!("the end of iteration {iteration} of job {}", state.job)
+            })
+            .collect();
+        if !rendered.is_empty() {
+            let jobs: BTreeSet<String> = rendered.iter().map(|state| state.job.to_string()).collect();
+            let jobs: Vec<String> = jobs.into_iter().collect();
+            parts.push(format!(
+                "the delivery of {} finished leases of job {}",
+                rendered.len(),
+                jobs.join(", ")
+            ));
+        }
+        (!parts.is_empty()).then(|| parts.join(" and "))
     }
 
     /// The coordinator does not know these leases any more.

@@ -6,13 +6,14 @@ use photonfarm_worker::{CancellationToken, Credentials, Worker, WorkerConfig};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 /// Renders iterations for a coordinator of Photonfarm.
 ///
-/// The first SIGTERM or SIGINT ends the iteration at hand, delivers what is done and gives the rest back; the second
-/// ends the process at once.
+/// The first SIGTERM or SIGINT ends the iteration at hand, delivers what is done and gives the rest back, within
+/// --drain-seconds; the second ends the process at once.
 #[derive(Parser)]
 #[command(version)]
 struct Options {
@@ -40,6 +41,11 @@ struct Options {
     /// Something that this machine has, for jobs that ask for it, such as gpu=no (repeatable).
     #[arg(long, value_name = "TAG")]
     tag: Vec<String>,
+    /// Seconds that a worker that is told to stop may go on: three quarters of them with the iteration at hand, the rest with
+    /// the delivery of what is done. What is not delivered then is kept in the cache's folder and delivered at the next start
+    /// with the same folder and coordinator; it counts if its lease has not ended meanwhile.
+    #[arg(long, value_name = "S", default_value_t = 100)]
+    drain_seconds: u32,
     /// Format of the log; RUST_LOG chooses what it tells.
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -53,11 +59,18 @@ enum LogFormat {
     Json,
 }
 
-#[tokio::main]
-async fn main() -> ExitCode {
+fn main() -> ExitCode {
     let options = Options::parse();
     start_log(options.log_format);
-    match run(options).await {
+    let result = tokio::runtime::Runtime::new()
+        .context("no threads can be started")
+        .and_then(|runtime| {
+            let result = runtime.block_on(run(options));
+            // An iteration or a scene that was given up need not come to its end.
+            runtime.shutdown_background();
+            result
+        });
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("{error:#}");
@@ -73,6 +86,7 @@ async fn run(options: Options) -> anyhow::Result<()> {
     let mut config = WorkerConfig::new(options.coordinator, cache);
     config.credentials = Credentials::load(options.token_file.as_deref(), options.ca.as_deref())?;
     config.threads = options.threads;
+    config.drain = Duration::from_secs(options.drain_seconds.into());
     config.tags = options.tag.into_iter().collect();
     config.cache_bytes = options.cache_gigabytes.saturating_mul(1 << 30);
     config.name = options.name.unwrap_or_else(host_name);
@@ -117,7 +131,9 @@ fn start_log(format: LogFormat) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
     let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr);
+        .with_writer(std::io::stderr)
+        // Where standard error is closed there is nobody to tell of it either, and trying to would panic.
+        .log_internal_errors(false);
     match format {
         LogFormat::Text => log.with_ansi(std::io::stderr().is_terminal()).init(),
         LogFormat::Json => log.json().init(),

@@ -2,17 +2,21 @@
 
 use crate::backoff::Backoff;
 use crate::block::Sum;
+use crate::cache::Cache;
 use crate::client::{Client, ClientError, reading_time, retry};
 use crate::held::{Held, LeaseState};
+use crate::kept;
 use bytes::Bytes;
 use photonfarm_proto::id::{BlobHash, WorkerId};
+use photonfarm_proto::job::FailureKind;
 use photonfarm_proto::node::{self, NodeKey};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{
-    Acknowledged, FailureReport, Lease, NodePlace, NodeReply, NodeUpload, Release, frame_upload,
+    Acknowledged, FailureReport, Lease, NodePlace, NodeReply, NodeUpload, Release, cut_text, frame_upload,
 };
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 /// Attempts at a node that the coordinator refuses as damaged: bits may fall over on the way.
@@ -30,8 +34,8 @@ pub(crate) struct Parcel {
 
 /// A node, encoded and hashed once.
 pub(crate) struct Upload {
-    announced: NodeUpload,
-    image: Bytes,
+    pub(crate) announced: NodeUpload,
+    pub(crate) image: Bytes,
 }
 
 /// The last word on a lease.
@@ -69,24 +73,88 @@ pub(crate) fn encode(worker: WorkerId, lease: &Lease, sums: Vec<Sum>) -> Vec<Upl
     sums.into_iter().map(upload).collect()
 }
 
-/// Delivers a parcel, however long it takes. `stop` gives up what is not delivered.
-pub(crate) async fn deliver(client: &Client, held: &Held, parcel: Parcel, stop: &CancellationToken) {
-    let Parcel {
-        lease,
-        state,
-        uploads,
-        farewell,
-        stores,
-    } = parcel;
-    let mut farewell = farewell;
-    for upload in &uploads {
-        if let Err(error) = deliver_node(client, upload, &state, stores, stop).await {
-            tracing::warn!(job = %lease.job, node = %lease.node, token = %lease.token, %error, "work is dropped");
-            farewell = Farewell::Release;
-            break;
+/// Whether work was left on disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kept {
+    /// All was delivered, or is void.
+    Nothing,
+    /// Something waits for the next start.
+    Work,
+}
+
+/// Who delivers, and keeps on disk what is not delivered when it is to give up.
+pub(crate) struct Courier {
+    pub(crate) client: Client,
+    pub(crate) held: Held,
+    pub(crate) cache: Cache,
+    pub(crate) give_up: CancellationToken,
+}
+
+impl Courier {
+    /// Delivers what an earlier process has kept, then finished work in its order, until there is no more.
+    pub(crate) async fn carry(self, mut parcels: mpsc::Receiver<Parcel>) -> Kept {
+        self.deliver_kept().await;
+        let mut kept = Kept::Nothing;
+        while let Some(parcel) = parcels.recv().await {
+            if deliver(&self.client, &self.held, &parcel, &self.give_up).await {
+                continue;
+            }
+            let Lease { job, node, .. } = parcel.lease;
+            match self.cache.keep(self.client.coordinator(), &parcel) {
+                Ok(path) => {
+                    kept = Kept::Work;
+                    tracing::info!(%job, %node, path = %path.display(), "finished work is kept for the next start");
+                }
+                Err(error) => {
+                    tracing::error!(%job, %node, %error, "finished work cannot be kept: it is rendered again")
+                }
+            }
+        }
+        kept
+    }
+
+    async fn deliver_kept(&self) {
+        let unsent = self.cache.unsent().unwrap_or_else(|error| {
+            tracing::warn!(%error, "work of an earlier process cannot be looked for");
+            Vec::new()
+        });
+        for path in unsent {
+            let kept = match kept::read(&path, self.client.coordinator()) {
+                Ok(Some(kept)) => kept,
+                Ok(None) => continue,
+                Err(error) => {
+                    tracing::warn!(path = %path.display(), %error, "work of an earlier process cannot be read");
+                    continue;
+                }
+            };
+            let Lease { job, node, .. } = kept.parcel.lease;
+            tracing::info!(%job, %node, path = %path.display(), "delivering work of an earlier process");
+            if !deliver(&self.client, &self.held, &kept.parcel, &self.give_up).await {
+                return;
+            }
+            if let Err(error) = kept.remove() {
+                tracing::warn!(path = %path.display(), %error, "delivered work cannot be removed");
+            }
         }
     }
-    let said = match farewell {
+}
+
+/// Delivers a parcel, however long it takes. `stop` gives up what is not delivered; then something is left, and this is false.
+pub(crate) async fn deliver(client: &Client, held: &Held, parcel: &Parcel, stop: &CancellationToken) -> bool {
+    let Parcel { lease, state, .. } = parcel;
+    let mut refused = None;
+    for upload in &parcel.uploads {
+        match deliver_node(client, upload, state, parcel.stores, stop).await {
+            Ok(()) => {}
+            Err(ClientError::Stopping) => return false,
+            Err(error) => {
+                tracing::warn!(job = %lease.job, node = %lease.node, token = %lease.token, %error, "work is dropped");
+                refused = Some(farewell_after(upload, &error));
+                break;
+            }
+        }
+    }
+    let said = match refused.as_ref().unwrap_or(&parcel.farewell) {
         _ if state.is_lost() => Ok(Acknowledged),
         Farewell::Nothing => Ok(Acknowledged),
         Farewell::Release => {
@@ -95,14 +163,50 @@ pub(crate) async fn deliver(client: &Client, held: &Held, parcel: Parcel, stop: 
                 worker: lease.worker,
                 job: lease.job,
             };
-            client.insist("worker/release", &release, Duration::ZERO, stop).await
+            client.insist("worker/release", &release, stop).await
         }
-        Farewell::Failure(report) => client.insist("worker/failures", &report, Duration::ZERO, stop).await,
+        Farewell::Failure(report) => client.insist("worker/failures", report, stop).await,
     };
-    if let Err(error) = said {
-        tracing::debug!(token = %lease.token, %error, "the lease was over already");
+    match said {
+        Ok(Acknowledged) => {}
+        Err(ClientError::Stopping) => return false,
+        Err(error) => tracing::debug!(token = %lease.token, %error, "the lease was over already"),
     }
     held.remove(lease.token);
+    true
+}
+
+/// What is said of a lease of which a node was refused. What came too late, or was damaged on the way, is nobody's fault;
+/// anything else would happen to the next worker as well, so that people must learn of it from the job.
+fn farewell_after(upload: &Upload, error: &ClientError) -> Farewell {
+    use ErrorCode::{ContentMismatch, JobEnded, Malformed, NotFound, ResultConflict, StaleLease, UnknownWorker};
+    let passes = [
+        ContentMismatch,
+        JobEnded,
+        Malformed,
+        NotFound,
+        ResultConflict,
+        StaleLease,
+        UnknownWorker,
+    ];
+    if error.code().is_some_and(|code| passes.contains(&code)) {
+        return Farewell::Release;
+    }
+    let NodeUpload {
+        token,
+        worker,
+        job,
+        node,
+        ..
+    } = upload.announced;
+    Farewell::Failure(FailureReport {
+        token,
+        worker,
+        job,
+        leaf: node.first() as u32,
+        kind: FailureKind::Render,
+        message: cut_text(format!("the image of node {node} was refused: {error}")),
+    })
 }
 
 /// Whether the lease of a node was lost, so that nobody wants it any more.
@@ -144,6 +248,11 @@ async fn deliver_node(
     Ok(())
 }
 
+/// In words.
+fn delivery_of(upload: &NodeUpload) -> String {
+    format!("the delivery of node {} of job {}", upload.node, upload.job)
+}
+
 /// Sends a node to the coordinator, again and again while it is away; an upload whose lease is lost meanwhile is
 /// refused at the latest.
 async fn send(
@@ -155,7 +264,8 @@ async fn send(
     let mut body = frame_upload(&upload.announced)?;
     body.extend_from_slice(&upload.image[node::NodeHeader::BYTES..]);
     let request = client.post("worker/nodes", body, Duration::ZERO)?;
-    retry(stop, || async {
+    let what = delivery_of(&upload.announced);
+    retry(stop, &what, || async {
         if is_void(upload, state) {
             return Ok(());
         }
@@ -173,7 +283,7 @@ async fn store(
     stop: &CancellationToken,
 ) -> Result<(), ClientError> {
     let announced = &upload.announced;
-    retry(stop, || async {
+    retry(stop, &delivery_of(announced), || async {
         if is_void(upload, state) {
             return Ok(());
         }

@@ -5,8 +5,10 @@ use crate::block::{Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
 use crate::client::{Client, ClientError, retry};
 use crate::credentials::Credentials;
+use crate::drain::Stop;
 use crate::held::{Abandon, Held, LeaseState};
-use crate::outbox::{self, Farewell, Parcel, Upload};
+use crate::notices::Notices;
+use crate::outbox::{self, Courier, Farewell, Kept, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
@@ -21,16 +23,25 @@ use rayon::ThreadPool;
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
+use std::pin::pin;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use thiserror::Error;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::AbortOnDropHandle;
 
+/// How long a worker that is told to stop may go on, unless it is told otherwise: less than the two minutes after which
+/// our units for systemd and our containers are killed.
+const DRAIN: Duration = Duration::from_secs(100);
 /// How long a request for work waits at the coordinator.
 const POLL: Duration = Duration::from_secs(20);
 /// Finished leases that may wait for delivery while the next is rendered.
 const OUTBOX: usize = 2;
+/// How long an iteration that is given up may take to notice.
+const NOTICE: Duration = Duration::from_secs(5);
+/// How long a first answer may take before that is said.
+const SILENCE: Duration = Duration::from_secs(2);
 /// Attempts at a scene whose files are damaged in the cache.
 const LOADS: usize = 3;
 
@@ -55,6 +66,9 @@ pub struct WorkerConfig {
     pub build: String,
     /// What this worker has: jobs may ask for it.
     pub tags: BTreeSet<String>,
+    /// How long a worker that is told to stop may go on: three quarters of it with the iteration at hand, then with the
+    /// delivery of what is done. What is left then is kept in the cache's folder.
+    pub drain: Duration,
 }
 
 impl WorkerConfig {
@@ -71,6 +85,7 @@ impl WorkerConfig {
             renderer: Arc::new(CoreRenderer),
             build: photonfarm_proto::RENDERER.to_owned(),
             tags: BTreeSet::new(),
+            drain: DRAIN,
         }
     }
 }
@@ -85,7 +100,7 @@ pub enum WorkerError {
     #[error("the coordinator refuses this worker: {0}")]
     Refused(#[source] ClientError),
     /// The cache's folder cannot be used.
-    #[error("{}: {source}", path.display())]
+    #[error("the cache {} cannot be written: choose another folder with --cache", path.display())]
     Cache {
         /// The folder.
         path: PathBuf,
@@ -171,34 +186,45 @@ impl Worker {
     }
 
     async fn work(mut self, drain: CancellationToken) -> Result<(), WorkerError> {
-        let mut terms = match self.register(&drain).await {
+        let stop = Stop::by(drain);
+        let _watch = detached(
+            stop.clone()
+                .watch(self.config.drain, self.held.clone(), self.client.reach.clone()),
+        );
+        let mut terms = match self.register(&stop.drain).await {
             Err(WorkerError::Refused(ClientError::Stopping)) => return Ok(()),
             other => other?,
         };
         let (announce, announced) = watch::channel(terms);
-        let give_up = CancellationToken::new();
-        let _give_up_when_dropped = (give_up.clone().drop_guard(), Abandon(self.held.clone()));
-        let heart = tokio::spawn(beat(self.client.clone(), self.held.clone(), announced, give_up.clone()));
+        let _abandon_when_dropped = Abandon(self.held.clone());
+        let _heart = detached(beat(self.client.clone(), self.held.clone(), announced));
         let (outbox, parcels) = mpsc::channel(OUTBOX);
-        let courier = tokio::spawn(carry(self.client.clone(), self.held.clone(), parcels, give_up.clone()));
-        let mut backoff = Backoff::default();
-        while !drain.is_cancelled() {
-            match self.next_assignment(terms.worker, &drain).await {
+        let courier = Courier {
+            client: self.client.clone(),
+            held: self.held.clone(),
+            cache: self.cache.clone(),
+            give_up: stop.give_up.clone(),
+        };
+        let courier = detached(courier.carry(parcels));
+        let (mut backoff, mut notices) = (Backoff::default(), None);
+        while !stop.drain.is_cancelled() {
+            match self.next_assignment(terms.worker, &stop.drain).await {
                 Ok(Some(assignment)) => {
-                    let (parcel, smooth) = self.work_on(assignment, terms.stores, &drain).await;
+                    let (parcel, smooth) = self.work_on(assignment, terms.stores, &stop).await;
                     if outbox.send(parcel).await.is_err() {
                         break;
                     }
                     if smooth {
                         backoff = Backoff::default();
                     } else {
-                        pause(&mut backoff, &drain).await;
+                        pause(&mut backoff, &stop.drain).await;
                     }
+                    notices = None;
                 }
-                Ok(None) => {}
+                Ok(None) => notices = None,
                 Err(error) if error.code() == Some(ErrorCode::UnknownWorker) => {
                     self.held.lose(&self.held.tokens());
-                    terms = match self.register(&drain).await {
+                    terms = match self.register(&stop.drain).await {
                         Err(WorkerError::Refused(ClientError::Stopping)) => break,
                         other => other?,
                     };
@@ -206,25 +232,31 @@ impl Worker {
                 }
                 Err(ClientError::Stopping) => {}
                 Err(error) => {
-                    tracing::warn!(%error, "no work");
-                    pause(&mut backoff, &drain).await;
+                    let now = Instant::now();
+                    let notices = notices.get_or_insert_with(|| Notices::from(now, Duration::ZERO));
+                    if notices.due(now) {
+                        tracing::warn!(%error, "no work");
+                    }
+                    pause(&mut backoff, &stop.drain).await;
                 }
             }
         }
-        tracing::info!("draining: delivering what is done");
         drop(outbox);
-        let _ = courier.await;
-        give_up.cancel();
-        let _ = heart.await;
-        let leave = Leave { worker: terms.worker };
-        if let Err(error) = self
-            .client
-            .call::<_, Acknowledged>("worker/leave", &leave, Duration::ZERO)
-            .await
-        {
-            tracing::debug!(%error, "left without a word");
+        // Leases of which work is kept on disk go on, so that it may count when it is delivered.
+        if matches!(courier.await, Ok(Kept::Nothing)) {
+            self.leave(terms.worker).await;
         }
         Ok(())
+    }
+
+    async fn leave(&self, worker: WorkerId) {
+        let leave = Leave { worker };
+        let left = self
+            .client
+            .call::<_, Acknowledged>("worker/leave", &leave, Duration::ZERO);
+        if let Err(error) = left.await {
+            tracing::info!("left without a word: {error}");
+        }
     }
 
     async fn register(&self, drain: &CancellationToken) -> Result<Terms, WorkerError> {
@@ -234,10 +266,16 @@ impl Worker {
             renderer: self.config.build.clone(),
             tags: self.config.tags.clone(),
         };
-        let reply = self
-            .client
-            .insist("worker/register", &register, Duration::ZERO, drain)
-            .await;
+        let mut reply = pin!(self.client.insist("worker/register", &register, drain));
+        let reply = match tokio::time::timeout(SILENCE, &mut reply).await {
+            Ok(reply) => reply,
+            Err(_) => {
+                if self.client.reach.reason().is_none() {
+                    tracing::warn!("no answer yet from the coordinator at {}", self.client.coordinator());
+                }
+                reply.await
+            }
+        };
         let Registered {
             worker,
             heartbeat_ms,
@@ -266,23 +304,25 @@ impl Worker {
             let reply: LeaseReply = self.client.call("worker/lease", &request, POLL).await?;
             Ok(reply.assignment)
         };
-        retry(drain, ask).await
+        retry(drain, "the request for work", ask).await
     }
 
     /// Renders a lease. The flag says whether the worker is fit for the next one at once.
-    async fn work_on(&mut self, assignment: Assignment, stores: bool, drain: &CancellationToken) -> (Parcel, bool) {
+    async fn work_on(&mut self, assignment: Assignment, stores: bool, stop: &Stop) -> (Parcel, bool) {
         let Assignment { lease, spec } = assignment;
-        let state = self.held.add(lease.token);
+        let state = self.held.add(&lease);
         tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, attempt = lease.attempt, "working");
-        let loaded = match self.load(&spec, drain).await {
-            Ok(scene) => {
-                let before = self.statistics(&*scene, &spec, &lease, drain).await;
-                before.map(|before| (scene, before))
-            }
-            Err(error) => Err(error),
+        let prepare = async {
+            let scene = self.load(&spec, &stop.drain).await?;
+            let before = self.statistics(&*scene, &spec, &lease, &stop.drain).await?;
+            Ok((scene, before))
+        };
+        let loaded = tokio::select! {
+            loaded = prepare => loaded,
+            () = stop.drain.cancelled() => Err(LoadError::Elsewhere("the worker is to stop".into())),
         };
         let (uploads, farewell, smooth) = match loaded {
-            Ok((scene, before)) => self.render(scene, spec, lease, before, state.clone(), drain).await,
+            Ok((scene, before)) => self.render(scene, spec, lease, before, state.clone(), stop).await,
             Err(LoadError::Scene(kind, message)) => {
                 tracing::warn!(job = %lease.job, message, "the scene cannot be rendered");
                 (vec![], failure(&lease, lease.node.first() as u32, kind, message), true)
@@ -292,6 +332,7 @@ impl Worker {
                 (vec![], Farewell::Release, false)
             }
         };
+        state.set_rendered();
         (
             Parcel {
                 lease,
@@ -311,14 +352,21 @@ impl Worker {
         lease: Lease,
         before: Vec<f32>,
         state: Arc<LeaseState>,
-        drain: &CancellationToken,
+        stop: &Stop,
     ) -> (Vec<Upload>, Farewell, bool) {
-        let (pool, drain) = (self.pool.clone(), drain.clone());
+        let (pool, steps) = (self.pool.clone(), stop.clone());
         let work = move || {
-            let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, before, &state, &drain));
+            let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, before, &state, &steps));
             (outbox::encode(lease.worker, &lease, sums), ending)
         };
-        let (uploads, ending) = match tokio::task::spawn_blocking(work).await {
+        let rendered = tokio::select! {
+            rendered = tokio::task::spawn_blocking(work) => rendered,
+            () = async {
+                stop.give_up.cancelled().await;
+                tokio::time::sleep(NOTICE).await;
+            } => return (vec![], Farewell::Release, false),
+        };
+        let (uploads, ending) = match rendered {
             Ok((uploads, ending)) => (uploads, ending),
             Err(error) => {
                 let message = format!("the worker failed: {error}");
@@ -358,7 +406,10 @@ impl Worker {
         let values = width as usize * height as usize * spec.integrator.statistics_per_pixel();
         let Lease { token, worker, job, .. } = *lease;
         let request = StatisticsRequest { token, worker, job };
-        Ok(retry(drain, || self.client.statistics(&request, values)).await?)
+        Ok(retry(drain, "the request for statistics", || {
+            self.client.statistics(&request, values)
+        })
+        .await?)
     }
 
     /// The scene of a job, loaded before or now.
@@ -368,7 +419,7 @@ impl Worker {
             return Ok(scene.clone());
         }
         self.loaded = None;
-        let manifest = retry(drain, || self.client.manifest(spec.scene)).await?;
+        let manifest = retry(drain, "the request for a manifest", || self.client.manifest(spec.scene)).await?;
         for _ in 0..LOADS {
             let files = self.cache.fetch(&self.client, manifest.clone()).await?;
             let (renderer, pool) = (self.config.renderer.clone(), self.pool.clone());
@@ -414,14 +465,16 @@ async fn pause(backoff: &mut Backoff, drain: &CancellationToken) {
     }
 }
 
-/// Sends heartbeats for the leases held, until `stop`.
-async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>, stop: CancellationToken) {
+/// A task that ends with whoever holds it.
+fn detached<T: Send + 'static>(task: impl Future<Output = T> + Send + 'static) -> AbortOnDropHandle<T> {
+    AbortOnDropHandle::new(tokio::spawn(task))
+}
+
+/// Sends heartbeats for the leases held.
+async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>) {
     loop {
         let Terms { worker, heartbeat, .. } = *terms.borrow();
-        tokio::select! {
-            () = tokio::time::sleep(heartbeat) => {}
-            () = stop.cancelled() => return,
-        }
+        tokio::time::sleep(heartbeat).await;
         let leases = held.progress();
         if leases.is_empty() {
             continue;
@@ -435,12 +488,5 @@ async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>, stop: C
             Err(error) if error.code() == Some(ErrorCode::UnknownWorker) => held.lose(&held.tokens()),
             Err(error) => tracing::debug!(%error, "a heartbeat was missed"),
         }
-    }
-}
-
-/// Delivers finished work in its order, until there is no more.
-async fn carry(client: Client, held: Held, mut parcels: mpsc::Receiver<Parcel>, give_up: CancellationToken) {
-    while let Some(parcel) = parcels.recv().await {
-        outbox::deliver(&client, &held, parcel, &give_up).await;
     }
 }

@@ -1,6 +1,6 @@
 //! The command line as typed.
 
-use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WorkersArgs};
+use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_proto::token::Role;
@@ -8,6 +8,9 @@ use photonfarm_worker::{Credentials, CredentialsError};
 use std::collections::BTreeMap;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
+
+/// Longest name of a submission, which the farm takes as an idempotency key.
+const KEY_BYTES: usize = 255;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -38,11 +41,17 @@ Examples:
   photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --iterations 256 --wait -o image.exr
       Sends the scene to the farm, shows progress, and fetches image.exr and image.png.
   photonfarm submit scene.xml --coordinator http://127.0.0.1:7800
-      Prints the number of the job and leaves; follow it at /v1/jobs/NUMBER.
+      Prints the number of the job and leaves.
+  photonfarm wait 7 --coordinator http://127.0.0.1:7800 -o image.exr
+      Waits for job 7, whoever submitted it and however long ago, and fetches its picture.
+  photonfarm submit scene.xml --key \"nightly $(date +%F)\" --wait -o image.exr
+      For scripts that may be run again: the first run of the day makes a job, later ones take it up.
 
 The scene file and every file that it names are sent; what the farm has already is not sent again.
 Files outside the scene file's folder are refused. --wait goes on through restarts of the
-coordinator. Interrupting it leaves the job running on the farm.";
+coordinator. Interrupting it leaves the job running on the farm, and says how to go on waiting. Each
+submission makes a new job, the same scene and settings as well, unless --key says that it is the same
+submission: then the scene and all settings must be the same, and the job may have ended since.";
 
 const SERVE_EXAMPLES: &str = "\
 Examples:
@@ -111,6 +120,9 @@ pub(crate) enum Command {
     /// Send a scene to a farm
     #[command(after_help = SUBMIT_EXAMPLES)]
     Submit(SubmitArgs),
+    /// Wait until a job of a farm is done, and fetch its picture
+    #[command(after_help = EXIT_CODES)]
+    Wait(WaitArgs),
     /// Make, list and revoke tokens: who may use a farm
     #[command(after_help = TOKEN_EXAMPLES)]
     Token(TokenArgs),
@@ -122,6 +134,9 @@ pub(crate) enum Command {
     Resume(JobArg),
     /// End a job; what has arrived stays
     Cancel(JobArg),
+    /// Submit what a job asks for again, as a new job, and cancel the old one if it goes on: for one that failed, was
+    /// cancelled, or is bound to a renderer that no worker has any more. Its deadline is left out
+    Resubmit(JobArg),
     /// Ask for more iterations of a job, which may be done already
     Extend(ExtendArgs),
     /// Set the priority of a job
@@ -208,6 +223,9 @@ pub(crate) struct SubmitArgs {
     /// Picture to write when the job is done, with a PNG beside it
     #[arg(short, long, value_name = "OUT.exr", requires = "wait")]
     pub(crate) output: Option<PathBuf>,
+    /// Name of this submission: another one with the same name makes no new job, but takes up the one that the first made
+    #[arg(long, value_name = "NAME", value_parser = key, conflicts_with = "within")]
+    pub(crate) key: Option<String>,
 }
 
 /// What is shown to the coordinator.
@@ -311,6 +329,15 @@ pub(crate) struct TokenPlace {
     pub(crate) coordinator: Option<String>,
     #[command(flatten)]
     pub(crate) credentials: CredentialArgs,
+}
+
+/// What can be the name of a submission: a header holds it.
+fn key(text: &str) -> Result<String, String> {
+    let plain = text.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic());
+    match plain && !text.trim().is_empty() && text.len() <= KEY_BYTES {
+        true => Ok(text.to_owned()),
+        false => Err(format!("expected 1 to {KEY_BYTES} letters, digits and signs of ASCII")),
+    }
 }
 
 fn positive(text: &str) -> Result<f64, String> {

@@ -1,5 +1,6 @@
 //! A client of the coordinator's public interface that goes on through restarts.
 
+use crate::say::tell;
 use anyhow::{Context, Result, anyhow, bail};
 use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt};
@@ -11,8 +12,8 @@ use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::Problem;
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
-use photonfarm_worker::Credentials;
 use photonfarm_worker::transfer::{self, SILENCE, TransferError};
+use photonfarm_worker::{Credentials, explain, is_lasting};
 use reqwest::header::CONTENT_TYPE;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
@@ -28,6 +29,8 @@ const IDLE: Duration = Duration::from_secs(30);
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest silence within an answer; event streams send comments more often than this.
 const READ_TIMEOUT: Duration = Duration::from_secs(60);
+/// How long the user hears nothing of a coordinator that is away.
+const QUIET: Duration = Duration::from_secs(2);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 /// Longest line of an event stream: far beyond any job's status.
@@ -249,11 +252,17 @@ impl Client {
         send: impl AsyncFn() -> Result<Response, TransferError>,
     ) -> Result<Response> {
         let (started, mut pause) = (Instant::now(), FIRST_PAUSE);
+        let mut told = false;
         loop {
             match judge(send().await).await {
                 Ok(response) => return Ok(response),
                 Err(Failure::Refused(error)) => return Err(error),
                 Err(Failure::Away(error)) if started.elapsed() + pause > patience => return Err(error),
+                Err(Failure::Away(error)) if patience > FIRST_PATIENCE && !told && started.elapsed() > QUIET => {
+                    let minutes = patience.as_secs() / 60;
+                    tell(format_args!("trying again for {minutes} minutes: {error:#}"));
+                    told = true;
+                }
                 Err(Failure::Away(error)) => tracing::debug!("the coordinator is away: {error:#}"),
             }
             sleep(pause).await;
@@ -264,9 +273,13 @@ impl Client {
 
 /// Whether an answer is one, or there may be one later.
 async fn judge(answer: Result<Response, TransferError>) -> Result<Response, Failure> {
-    let response = answer.map_err(|error| match &error {
-        TransferError::Http(http) if http.is_builder() => Failure::Refused(error.into()),
-        _ => Failure::Away(error.into()),
+    let response = answer.map_err(|error| {
+        let reason = anyhow!("{}", explain(&error));
+        let builder = matches!(&error, TransferError::Http(http) if http.is_builder());
+        match builder || is_lasting(&error) {
+            true => Failure::Refused(reason),
+            false => Failure::Away(reason),
+        }
     })?;
     let status = response.status();
     if status.is_success() {
@@ -282,6 +295,10 @@ async fn judge(answer: Result<Response, TransferError>) -> Result<Response, Fail
         Ok(problem) if problem.retryable => Err(Failure::Away(problem.into())),
         Ok(problem) => Err(Failure::Refused(problem.into())),
         Err(_) if busy.contains(&status) => Err(Failure::Away(anyhow!("answered {status}"))),
+        Err(_) if status == StatusCode::PAYLOAD_TOO_LARGE => Err(Failure::Refused(anyhow!(
+            "something between here and the coordinator refuses bodies of this size ({status}): raise its limit (of nginx: \
+             client_max_body_size)"
+        ))),
         Err(_) => Err(Failure::Refused(anyhow!(
             "answered {status}: is this a Photonfarm coordinator?"
         ))),

@@ -1,5 +1,8 @@
 //! `photonfarm`: renders scenes, runs the coordinator of a farm, and sends scenes to it.
 
+// Module `say` writes instead: these panic where nobody reads.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 mod args;
 mod client;
 mod job;
@@ -7,6 +10,7 @@ mod log;
 mod output;
 mod progress;
 mod render;
+mod say;
 mod serve;
 mod settings;
 mod stats;
@@ -37,20 +41,23 @@ fn main() -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
+        Command::Wait(args) => submit::wait(args),
         Command::Token(args) => token::run(args),
         Command::Jobs(args) => steer::jobs(args),
         Command::Pause(args) => steer::act(args, "pause"),
         Command::Resume(args) => steer::act(args, "resume"),
         Command::Cancel(args) => steer::act(args, "cancel"),
+        Command::Resubmit(args) => steer::resubmit(args),
         Command::Extend(args) => steer::extend(args),
         Command::Priority(args) => steer::priority(args),
         Command::Workers(args) => steer::workers(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is::<say::ReaderLeft>() => ExitCode::SUCCESS,
         Err(error) if error.is::<Interrupted>() => ExitCode::from(EXIT_INTERRUPTED),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            say::tell(format_args!("error: {}", say::causes(&error)));
             ExitCode::from(EXIT_FAILED)
         }
     }

@@ -1,5 +1,6 @@
 //! How far a job has come: a bar on a terminal, a few lines elsewhere.
 
+use crate::say::tell;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use photonfarm_proto::job::JobStatus;
 use std::io::IsTerminal;
@@ -62,7 +63,7 @@ impl Progress {
             self.last_line = Some(Instant::now());
             let left = time_left(status, base, self.started.elapsed());
             let (done, all) = (status.iterations_rendered, status.spec.iterations);
-            eprintln!("{done}/{all} iterations{details}{left}");
+            tell(format_args!("{done}/{all} iterations{details}{left}"));
         }
     }
 

@@ -1,10 +1,11 @@
 //! `photonfarm serve`: the coordinator of a farm.
 
 use crate::args::ServeArgs;
+use crate::say;
 use anyhow::{Context, Result, anyhow};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::{Config, Coordinator, TlsFiles};
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use tokio::net::TcpListener;
 
 /// Runs the command until it is told to stop.
@@ -47,8 +48,10 @@ async fn serve(args: ServeArgs) -> Result<()> {
     let coordinator = Coordinator::start(config, listener)
         .await
         .with_context(|| format!("cannot serve {place} at {}", args.listen))?;
-    println!("listening on {}", coordinator.url());
-    std::io::stdout().flush()?;
+    match say::line(format_args!("listening on {}", coordinator.url())) {
+        Err(error) if !error.is::<say::ReaderLeft>() => return Err(error),
+        _ => {}
+    }
     stop.await;
     tracing::info!("stopping; jobs go on when the coordinator is started again with the same stores");
     coordinator.shutdown().await;

@@ -1,13 +1,13 @@
-//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `extend`, `priority`, `workers`: looks at a farm and steers it.
+//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `resubmit`, `extend`, `priority`, `workers`: looks at a farm and steers it.
 
 use crate::args::CredentialArgs;
 use crate::client::Client;
+use crate::say;
 use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
 use anyhow::{Context, Result};
 use photonfarm_proto::api::{Extend, Quarantine, SetPriority, WorkerStatus};
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::schedule::StopReason;
-use serde::Serialize;
 
 fn block_on(work: impl Future<Output = Result<()>>) -> Result<()> {
     tokio::runtime::Runtime::new()?.block_on(work)
@@ -25,17 +25,10 @@ pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
         let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
         match args.job {
             Some(job) => show(&client.status(job).await?, args.json),
-            None if args.json => {
-                println!("{}", serde_json::to_string_pretty(&client.jobs(args.limit).await?)?);
-                Ok(())
-            }
+            None if args.json => say::json(&client.jobs(args.limit).await?),
             None => {
-                client
-                    .jobs(args.limit)
-                    .await?
-                    .iter()
-                    .for_each(|job| println!("{}", job_line(job)));
-                Ok(())
+                let jobs = client.jobs(args.limit).await?;
+                jobs.iter().try_for_each(|job| say::line(job_line(job)))
             }
         }
     })
@@ -53,6 +46,32 @@ pub(crate) fn extend(args: ExtendArgs) -> Result<()> {
     let iterations = args.iterations.get();
     steer(&args.job, async |client: Client| {
         client.post_job(args.job.job, "extend", &Extend { iterations }).await
+    })
+}
+
+/// Submits what a job asks for again, as a new job, and cancels the old one if it goes on. Repetition is harmless: the new
+/// job's key is the old one's number.
+pub(crate) fn resubmit(args: JobArg) -> Result<()> {
+    steer(&args, async |client: Client| {
+        let old = client.status(args.job).await?;
+        let mut spec = old.spec;
+        spec.schedule.paused = false;
+        if spec.schedule.deadline_ms.take().is_some() {
+            say::tell(format_args!("job {} had a deadline, which is left out", args.job));
+        }
+        if let Some(stop) = old.stop {
+            spec.iterations = stop.asked;
+        }
+        let key = format!("photonfarm resubmit {}", args.job);
+        let new = client.submit(&spec, &key).await?;
+        if !old.state.ended() {
+            client.post_job(args.job, "cancel", &serde_json::json!({})).await?;
+            say::tell(format_args!(
+                "job {} is cancelled; job {} takes its place",
+                args.job, new.id
+            ));
+        }
+        Ok(new)
     })
 }
 
@@ -87,20 +106,18 @@ pub(crate) fn workers(args: WorkersArgs) -> Result<()> {
                 vec![client.post_worker(worker, "release", &serde_json::json!({})).await?]
             }
         };
-        if args.json {
-            println!("{}", serde_json::to_string_pretty(&workers)?);
-        } else {
-            workers.iter().for_each(|worker| println!("{}", worker_line(worker)));
+        match args.json {
+            true => say::json(&workers),
+            false => workers.iter().try_for_each(|worker| say::line(worker_line(worker))),
         }
-        Ok(())
     })
 }
 
 fn show(job: &JobStatus, json: bool) -> Result<()> {
     if json {
-        return print(job);
+        return say::json(job);
     }
-    println!("{}", job_line(job));
+    say::line(job_line(job))?;
     let noise = job
         .checkpoint
         .map(|at| format!("noise {:.4} at {} iterations", at.noise, at.iterations));
@@ -115,13 +132,8 @@ fn show(job: &JobStatus, json: bool) -> Result<()> {
         .chain(poisoned)
         .chain(job.failure.clone())
     {
-        println!("    {line}");
+        say::line(format_args!("    {line}"))?;
     }
-    Ok(())
-}
-
-fn print<T: Serialize>(value: &T) -> Result<()> {
-    println!("{}", serde_json::to_string_pretty(value)?);
     Ok(())
 }
 

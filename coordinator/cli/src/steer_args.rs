@@ -6,6 +6,7 @@ use clap::{Args, Subcommand};
 use photonfarm_proto::id::{JobId, WorkerId};
 use photonfarm_proto::schedule::{PRIORITY, Schedule};
 use std::num::NonZeroU32;
+use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// A running farm.
@@ -41,6 +42,18 @@ pub(crate) struct JobArg {
     /// Print the job's status as JSON
     #[arg(long)]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct WaitArgs {
+    /// Number of the job
+    #[arg(value_name = "JOB")]
+    pub(crate) job: JobId,
+    /// Picture to write when the job is done, with a PNG beside it
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(crate) output: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) farm: FarmArgs,
 }

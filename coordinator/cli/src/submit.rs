@@ -1,13 +1,16 @@
-//! `photonfarm submit`: sends a scene to a farm.
+//! `photonfarm submit` sends a scene to a farm; `photonfarm wait` waits for a job.
 
 use crate::args::SubmitArgs;
 use crate::client::Client;
 use crate::job::PreparedJob;
 use crate::output::PictureFiles;
 use crate::progress::Progress;
-use anyhow::{Result, bail};
+use crate::say;
+use crate::steer_args::WaitArgs;
+use anyhow::{Context, Result, bail};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobState, JobStatus};
+use std::path::Path;
 
 /// Runs the command.
 pub(crate) fn run(args: SubmitArgs) -> Result<()> {
@@ -19,24 +22,74 @@ async fn submit(args: SubmitArgs) -> Result<()> {
     let client = Client::new(&args.coordinator, args.credentials.load()?)?;
     let (mut job, _) = PreparedJob::new(&args.job)?;
     job.spec.schedule = args.schedule.schedule()?;
+    job.key = args.key.unwrap_or(job.key);
     client.connect().await?;
     let id = send(&client, &job).await?;
-    println!("{id}");
+    let said = say::line(id);
     if !args.wait {
-        return Ok(());
+        return said;
     }
+    // The picture is what was asked for, whether or not somebody reads the number.
+    match said {
+        Err(error) if !error.is::<say::ReaderLeft>() => return Err(error),
+        _ => {}
+    }
+    let again = again(id, &args.coordinator, args.output.as_deref());
+    say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
+    await_picture(&client, id, job.spec.iterations, output, &again).await
+}
+
+/// Runs the command `wait`.
+pub(crate) fn wait(args: WaitArgs) -> Result<()> {
+    tokio::runtime::Runtime::new()?.block_on(async {
+        let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
+        let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
+        client.connect().await?;
+        let iterations = client.status(args.job).await?.spec.iterations;
+        let again = again(args.job, &args.farm.coordinator, args.output.as_deref());
+        await_picture(&client, args.job, iterations, output, &again).await
+    })
+}
+
+/// The command that goes on waiting.
+fn again(id: JobId, coordinator: &str, output: Option<&Path>) -> String {
+    let output = output.map(|path| format!(" -o {}", quoted(&path.display().to_string())));
+    let coordinator = quoted(coordinator);
+    format!(
+        "photonfarm wait {id} --coordinator {coordinator}{}",
+        output.unwrap_or_default()
+    )
+}
+
+/// As a shell reads it.
+fn quoted(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./:@%+=,".contains(c);
+    match !text.is_empty() && text.chars().all(plain) {
+        true => text.to_owned(),
+        false => format!("'{}'", text.replace('\'', "'\\''")),
+    }
+}
+
+/// Waits for a job and writes its picture; `again` is the command that does so.
+async fn await_picture(
+    client: &Client,
+    id: JobId,
+    iterations: u32,
+    output: Option<PictureFiles>,
+    again: &str,
+) -> Result<()> {
     let status = tokio::select! {
-        status = follow(&client, id, job.spec.iterations) => status?,
+        status = follow(client, id, iterations) => status?,
         signal = tokio::signal::ctrl_c() => {
             signal?;
-            eprintln!("interrupted; job {id} goes on at {}", args.coordinator);
+            say::tell(format_args!("interrupted; job {id} goes on; to go on waiting: {again}"));
             return Err(crate::Interrupted.into());
         }
     };
-    if let Some(output) = output {
-        fetch(&client, &status, &output).await?;
+    match output {
+        Some(output) => fetch(client, &status, &output).await,
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// Sends what the farm lacks of the bundle, then the job.
@@ -46,7 +99,10 @@ pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobId> {
         let Some(bytes) = job.contents.get(&hash) else {
             bail!("the coordinator asks for {hash}, which is no file of the scene");
         };
-        client.upload(hash, bytes).await?;
+        let named = job.manifest.files.iter().find(|(_, file)| file.hash == hash);
+        let name = named.map_or("a file", |(name, _)| name.as_str());
+        let context = || format!("cannot send {name} ({} bytes)", bytes.len());
+        client.upload(hash, bytes).await.with_context(context)?;
     }
     Ok(client.submit(&job.spec, &job.key).await?.id)
 }
@@ -69,7 +125,11 @@ pub(crate) async fn fetch(client: &Client, status: &JobStatus, output: &PictureF
     let exr = client.image(status.id, "exr").await?;
     let png = client.image(status.id, "png").await?;
     output.write(&exr, &png)?;
-    eprintln!("{}: {} iterations", output.names(), status.iterations_done);
+    say::tell(format_args!(
+        "{}: {} iterations",
+        output.names(),
+        status.iterations_done
+    ));
     Ok(())
 }
 
@@ -84,4 +144,21 @@ fn failure(status: &JobStatus) -> String {
         .clone()
         .or_else(poisoned)
         .unwrap_or_else(|| "no reason was given".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_are_quoted_for_the_shell() {
+        assert_eq!(
+            again(JobId(3), "http://[::1]:7800", Some(Path::new("it's mine.exr"))),
+            "photonfarm wait 3 --coordinator 'http://[::1]:7800' -o 'it'\\''s mine.exr'"
+        );
+        assert_eq!(
+            again(JobId(3), "https://farm:7800", None),
+            "photonfarm wait 3 --coordinator https://farm:7800"
+        );
+    }
 }

@@ -2,6 +2,7 @@
 
 use crate::args::{TokenArgs, TokenCommand, TokenPlace};
 use crate::client::Client;
+use crate::say;
 use anyhow::{Context, Result, bail};
 use photonfarm_coordinator::Config;
 use photonfarm_coordinator::access::Tokens;
@@ -28,15 +29,15 @@ async fn command(command: TokenCommand) -> Result<()> {
                 },
             };
             let made = Place::open(&args.place).await?.create(request).await?;
-            println!("{}", made.token);
-            eprintln!(
+            say::line(&made.token)?;
+            say::tell(format_args!(
                 "the token {:?} with the role `{}`: keep it, it is not shown again",
                 made.status.name, made.status.role
-            );
+            ));
         }
         TokenCommand::List { place } => {
             for token in Place::open(&place).await?.list().await? {
-                println!("{}", line(&token));
+                say::line(line(&token))?;
             }
         }
         TokenCommand::Revoke { name, place } => Place::open(&place).await?.revoke(&name).await?,

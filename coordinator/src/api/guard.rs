@@ -27,10 +27,27 @@ pub(super) async fn identify(
         .headers()
         .get(AUTHORIZATION)
         .map(|value| value.to_str().unwrap_or(""));
-    if let Some(caller) = gate.admit(header, peer).await? {
+    let caller = gate.admit(header, peer).await?;
+    let asked = changes_something(&request).then(|| format!("{} {}", request.method(), request.uri().path()));
+    let name = caller.as_ref().map_or("", |caller| &caller.name);
+    let who = if name.is_empty() { "somebody" } else { name }.to_owned();
+    if let Some(caller) = caller {
         request.extensions_mut().insert(caller);
     }
-    Ok(next.run(request).await)
+    let response = next.run(request).await;
+    if let Some(asked) = asked {
+        tracing::info!("{who} at {peer}: {asked}: {}", response.status());
+    }
+    Ok(response)
+}
+
+/// Whether a request belongs into the log: it changes something, and is none of those that workers, or files of a scene,
+/// come with by the thousand.
+fn changes_something(request: &Request) -> bool {
+    let path = request.uri().path();
+    let often = path.starts_with("/v1/worker/") || path.starts_with("/v1/blobs/");
+    let rarely = ["/v1/worker/register", "/v1/worker/leave"].contains(&path);
+    !request.method().is_safe() && (rarely || !often)
 }
 
 /// Lets those pass who have one of the roles.

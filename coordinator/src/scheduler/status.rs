@@ -64,6 +64,15 @@ impl Farm {
         }
     }
 
+    /// A worker by number and, where it is known, by name.
+    #[must_use]
+    pub fn worker_named(&self, id: WorkerId) -> String {
+        match self.workers.get(&id) {
+            Some(worker) => format!("worker {id} ({})", worker.record.name),
+            None => format!("worker {id}"),
+        }
+    }
+
     /// Why nobody is at work on a job, while nobody is.
     fn waiting(&self, job: &Job, now: Millis) -> Option<String> {
         if !job.leases.is_empty() || job.done() == job.leaves() && job.nodes_in_doubt().next().is_none() {
@@ -105,7 +114,9 @@ impl Farm {
             let bound = bound.as_deref().unwrap_or_default();
             let found = &tagged[0].renderer;
             return Some(format!(
-                "it is bound to renderer {bound}, and workers have others, such as {found}"
+                "it is bound to renderer {bound}, and workers have others, such as {found}: start workers of that build, or have \
+                 it rendered anew with `photonfarm resubmit {}`",
+                job.id()
             ));
         }
         let held = built.iter().all(|worker| worker.standing.quarantine.is_some());

@@ -7,6 +7,7 @@ mod fold;
 mod garbage;
 mod image;
 mod jobs;
+mod journal;
 mod merge;
 mod nodes;
 mod noise;
@@ -22,7 +23,7 @@ mod workers;
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture};
 
-use crate::scheduler::record::{Change, LeaseRecord, Loss, Millis};
+use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
 use photonfarm_proto::id::JobId;
@@ -239,7 +240,7 @@ impl Service {
     fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
         let garbage = garbage::superfluous(&cell.farm, changes);
         for change in changes {
-            log_change(change);
+            journal::note(&cell.farm, change);
             if let Change::JobEnded { job, .. } = change
                 && let Some(job) = cell.farm.job(*job)
             {
@@ -332,55 +333,5 @@ impl Service {
         let config = cell.farm.config().clone();
         drop(cell);
         Ok(self.find_job(id).await?.status(&config))
-    }
-}
-
-fn log_change(change: &Change) {
-    match change {
-        Change::WorkerRegistered(worker) => {
-            tracing::info!(worker = %worker.id, name = worker.name, threads = worker.threads, "worker registered");
-        }
-        Change::WorkerJudged { worker, standing } => match &standing.quarantine {
-            Some(reason) => tracing::error!(%worker, reason, "worker is in quarantine"),
-            None => tracing::debug!(%worker, ?standing, "worker judged"),
-        },
-        Change::WorkerForgotten(worker) => tracing::info!(%worker, "worker forgotten"),
-        Change::JobSubmitted(head) => {
-            tracing::info!(job = %head.id, iterations = head.spec.iterations, "job submitted");
-        }
-        Change::LeaseGranted(LeaseRecord {
-            job,
-            node,
-            worker,
-            token,
-            attempt,
-            ..
-        }) => {
-            tracing::debug!(%job, %node, %worker, %token, attempt, "lease granted");
-        }
-        Change::JobChanged { job, control } => tracing::info!(%job, ?control, "job changed"),
-        Change::JobReopened { record, .. } => {
-            tracing::info!(job = %record.head.id, iterations = record.control.iterations, "job goes on");
-        }
-        Change::LeasesRenewed(renewals) => tracing::debug!(leases = renewals.len(), "leases renewed"),
-        Change::LeaseEnded { job, token } => tracing::debug!(%job, %token, "lease ended"),
-        Change::NodeAdded { job, node, .. } => tracing::debug!(%job, %node, "node counts"),
-        Change::NodeJudged { job, node, record } => {
-            tracing::debug!(%job, %node, opinions = record.opinions.len(), verified = record.verified, "node judged");
-        }
-        Change::NodeMerged { .. } => {}
-        Change::NodeLost { job, node, loss } => match loss {
-            Loss::Damaged => tracing::error!(%job, %node, "node lost: its image is missing or damaged"),
-            Loss::Untrusted => tracing::warn!(%job, %node, "node given up: a worker in quarantine had a part in it"),
-            Loss::Replaced => tracing::debug!(%job, %node, "node replaced by one that contains it"),
-            Loss::Left => tracing::debug!(%job, %node, "node left out: the job stopped before it"),
-        },
-        Change::LeafFailed { job, leaf, attempt } => {
-            let (worker, kind, message) = (attempt.worker, attempt.kind, &attempt.message);
-            tracing::warn!(%job, iteration = leaf + 1, %worker, ?kind, message, "iteration failed");
-        }
-        Change::JobEnded {
-            job, state, failure, ..
-        } => tracing::info!(%job, ?state, failure, "job ended"),
     }
 }

@@ -1,6 +1,6 @@
 //! Blobs as files: `<first two digits>/<other digits>` of the hash, written aside, synced, then renamed.
 
-use super::{BlobReader, BlobStore, StagedBlob, StoreError};
+use super::{BlobReader, BlobStore, StagedBlob, StoreError, check_folder, not_writable};
 use crate::scheduler::record::Millis;
 use async_trait::async_trait;
 use photonfarm_proto::id::BlobHash;
@@ -31,7 +31,9 @@ impl FolderStore {
     /// only what is a day old.
     pub fn open(root: &Path, shared: bool) -> Result<Self, StoreError> {
         let staging = root.join(STAGING);
-        std::fs::create_dir_all(&staging).map_err(io(&staging))?;
+        std::fs::create_dir_all(&staging).map_err(|error| not_writable(&staging, &error))?;
+        check_folder(root)?;
+        check_folder(&staging)?;
         for file in std::fs::read_dir(&staging).map_err(io(&staging))? {
             let file = file.map_err(io(&staging))?;
             let age = file.metadata().and_then(|metadata| metadata.modified());

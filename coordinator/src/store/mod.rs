@@ -35,7 +35,8 @@ use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
 use photonfarm_proto::worker::LeaseProgress;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Why a store failed.
@@ -69,6 +70,14 @@ pub enum StoreError {
     /// The database file failed.
     #[error("the database failed: {0}")]
     Sqlite(#[from] rusqlite::Error),
+    /// A file or folder of this user's that is somebody else's, or on a disk that is read only.
+    #[error("{} cannot be written: {reason}; run the coordinator as the user who owns its data, on a disk that takes it", path.display())]
+    NotWritable {
+        /// The file or the folder.
+        path: PathBuf,
+        /// What the system says.
+        reason: String,
+    },
     /// The file system failed.
     #[error("{}: {source}", path.display())]
     Io {
@@ -104,6 +113,29 @@ impl StoreError {
                 | Self::Io { .. }
                 | Self::Stopped
         )
+    }
+}
+
+/// Refuses a folder in which no file can be made. One on a full disk passes: it may have room again soon.
+fn check_folder(path: &Path) -> Result<(), StoreError> {
+    match tempfile::NamedTempFile::new_in(path) {
+        Err(error) if error.kind() != ErrorKind::StorageFull => Err(not_writable(path, &error)),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a file that is there and cannot be written.
+fn check_file(path: &Path) -> Result<(), StoreError> {
+    match std::fs::File::options().read(true).write(true).open(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(not_writable(path, &error)),
+        _ => Ok(()),
+    }
+}
+
+fn not_writable(path: &Path, error: &std::io::Error) -> StoreError {
+    StoreError::NotWritable {
+        path: path.to_owned(),
+        reason: error.to_string(),
     }
 }
 

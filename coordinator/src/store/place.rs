@@ -1,6 +1,8 @@
 //! Where the stores are: URLs of the configuration.
 
-use super::{BlobStore, FolderStore, ObjectBlobs, PostgresStore, SqliteStore, StateStore, StoreError};
+use super::{
+    BlobStore, FolderStore, ObjectBlobs, PostgresStore, SqliteStore, StateStore, StoreError, check_folder, not_writable,
+};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use std::fmt;
@@ -144,10 +146,7 @@ impl fmt::Display for BlobPlace {
 }
 
 fn make_folder(path: &Path) -> Result<(), StoreError> {
-    std::fs::create_dir_all(path).map_err(|source| StoreError::Io {
-        path: path.to_owned(),
-        source,
-    })
+    std::fs::create_dir_all(path).map_err(|error| not_writable(path, &error))
 }
 
 impl StatePlace {
@@ -159,9 +158,10 @@ impl StatePlace {
     async fn open_or_make(&self) -> Result<Arc<dyn StateStore>, StoreError> {
         match self {
             Self::Sqlite(path) => {
-                if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-                    make_folder(folder)?;
-                }
+                let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+                let folder = folder.unwrap_or(Path::new("."));
+                make_folder(folder)?;
+                check_folder(folder)?;
                 Ok(Arc::new(SqliteStore::open(path)?))
             }
             Self::Postgres(config) => Ok(Arc::new(

@@ -2,7 +2,7 @@
 
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
-use super::{Commit, Sequence, StateStore, StoreError};
+use super::{Commit, Sequence, StateStore, StoreError, check_file};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{Change, JobRecord, Snapshot};
 use async_trait::async_trait;
@@ -111,6 +111,8 @@ impl SqliteStore {
             Some(ErrorCode::DatabaseCorrupt) => foreign(path, format!("the database is damaged: {error}")),
             _ => StoreError::Sqlite(error),
         };
+        check_file(path)?;
+        let (known, left_open) = (path.exists(), left_open(path));
         let mut connection = Connection::open(path).map_err(opened)?;
         connection.busy_timeout(Duration::ZERO)?;
         connection
@@ -124,6 +126,15 @@ impl SqliteStore {
             .map_err(opened)?;
         prepare_schema(&transaction, path)?;
         transaction.commit().map_err(opened)?;
+        let shown = path.display();
+        match known {
+            true if left_open => tracing::warn!(
+                "{shown} was not closed last time: its program or the machine ended without warning; all that was \
+                 acknowledged is there"
+            ),
+            true => tracing::info!("{shown} was closed properly last time"),
+            false => tracing::info!("{shown} is new"),
+        }
         Ok(Self {
             connection: Arc::new(Mutex::new(Some(connection))),
         })
@@ -169,6 +180,13 @@ impl SqliteStore {
         })
         .await
     }
+}
+
+/// Whether the process that used the file last did not come to close it: then its log was not taken into it.
+fn left_open(path: &Path) -> bool {
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    Path::new(&log).metadata().is_ok_and(|log| log.len() > 0)
 }
 
 fn at_once<T>(answer: Answer<'_, T>) -> Result<T, StoreError> {

@@ -6,6 +6,7 @@ mod support;
 
 use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_test_servers::S3;
+use std::time::Duration;
 use support::{Farm, Fault};
 
 fn sorted(mut iterations: Vec<u32>) -> Vec<u32> {
@@ -70,6 +71,49 @@ async fn a_draining_worker_delivers_what_it_has_and_gives_the_rest_back() {
     farm.check_image(job, 1..=16).await;
     let completed = farm.stage.completed.lock().unwrap().clone();
     assert_eq!(sorted(completed), (1..=16).collect::<Vec<u32>>());
+    second.drain().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn work_that_cannot_be_delivered_is_kept_and_counts_after_the_next_start() {
+    let mut farm = Farm::start().await;
+    farm.stage.hold(6);
+    let first = farm.worker_that_drains("a", Duration::ZERO);
+    let job = farm.submit(b"good", 13).await;
+    farm.stage.until_begun(6, 1).await;
+    farm.stop().await;
+    farm.stage.release(6);
+    // The lease ends with iteration 8, and there is nobody to take its work.
+    farm.stage.until_completed(8).await;
+    first.drain().await;
+    assert!(farm.kept_by("a") > 0);
+    farm.resume().await;
+    let second = farm.worker("a");
+    assert_eq!(farm.until_ended(job).await.state, JobState::Done);
+    farm.check_image(job, 1..=13).await;
+    let completed = farm.stage.completed.lock().unwrap().clone();
+    assert_eq!(
+        sorted(completed),
+        (1..=13).collect::<Vec<u32>>(),
+        "nothing is rendered twice"
+    );
+    assert_eq!(farm.kept_by("a"), 0);
+    second.drain().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_iteration_without_end_is_given_up_when_a_drain_takes_too_long() {
+    let farm = Farm::start().await;
+    farm.stage.hold(6);
+    let first = farm.worker_that_drains("a", Duration::from_millis(100));
+    let job = farm.submit(b"good", 13).await;
+    farm.stage.until_begun(6, 1).await;
+    first.drain().await;
+    let second = farm.worker("a");
+    farm.stage.until_begun(6, 2).await;
+    farm.stage.release(6);
+    assert_eq!(farm.until_ended(job).await.state, JobState::Done);
+    farm.check_image(job, 1..=13).await;
     second.drain().await;
 }
 
@@ -155,9 +199,7 @@ async fn workers_put_images_into_an_object_store_that_may_be_away_for_a_while() 
     farm.stage.until_begun(6, 1).await;
     farm.s3.as_mut().unwrap().stop();
     farm.stage.release(6);
-    while !farm.stage.completed.lock().unwrap().contains(&6) {
-        tokio::task::yield_now().await;
-    }
+    farm.stage.until_completed(6).await;
     farm.s3.as_mut().unwrap().restart();
     let status = farm.until_ended(job).await;
     assert_eq!((status.state, status.iterations_done), (JobState::Done, 13));

@@ -56,6 +56,13 @@ impl Stage {
         self.released.notify_all();
     }
 
+    /// Waits until an iteration was rendered.
+    pub(crate) async fn until_completed(&self, iteration: u32) {
+        while !self.completed.lock().unwrap().contains(&iteration) {
+            tokio::task::yield_now().await;
+        }
+    }
+
     /// Waits until `iteration` was begun `times` times.
     pub(crate) async fn until_begun(&self, iteration: u32, times: usize) {
         let count = |begun: &Vec<u32>| begun.iter().filter(|i| **i == iteration).count() >= times;
@@ -240,15 +247,35 @@ impl Farm {
         self.coordinator = Some(Coordinator::start_with(config, stores, listener).await.unwrap());
     }
 
+    /// Files of finished work that a worker has kept.
+    pub(crate) fn kept_by(&self, name: &str) -> usize {
+        let files = std::fs::read_dir(self.folder.path().join(name)).unwrap();
+        files
+            .filter(|file| {
+                file.as_ref()
+                    .unwrap()
+                    .file_name()
+                    .to_string_lossy()
+                    .starts_with("unsent-")
+            })
+            .count()
+    }
+
     pub(crate) async fn stop(&mut self) {
         self.coordinator.take().unwrap().shutdown().await;
     }
 
     pub(crate) fn worker(&self, name: &str) -> TestWorker {
+        self.worker_that_drains(name, Duration::from_secs(100))
+    }
+
+    /// A worker that may go on for so long when it is told to stop. Its cache is that of other workers of its name.
+    pub(crate) fn worker_that_drains(&self, name: &str, limit: Duration) -> TestWorker {
         let mut config = WorkerConfig::new(format!("http://{}", self.address), self.folder.path().join(name));
         config.name = name.into();
         config.threads = 1;
         config.renderer = Arc::new(Double(self.stage.clone()));
+        config.drain = limit;
         let drain = CancellationToken::new();
         let task = tokio::spawn(Worker::new(config).unwrap().run(drain.clone()));
         TestWorker { drain, task }

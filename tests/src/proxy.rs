@@ -1,0 +1,58 @@
+//! A proxy between client and coordinator that refuses large bodies, as those do that stand before services.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+
+/// What it answers to a body that is too large: no problem document, but a page.
+const REFUSAL: &[u8] = b"HTTP/1.1 413 Request Entity Too Large\r\ncontent-type: text/html\r\ncontent-length: 24\r\n\
+    connection: close\r\n\r\n<h1>413 Too Large</h1>\r\n";
+
+/// Serves at the URL that comes back, for the coordinator at `url`, which begins with `http://`, as long as the process lives.
+///
+/// # Panics
+/// Where there is no port.
+#[must_use]
+pub fn refuse_bodies_beyond(bytes: u64, url: &str) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let own = format!("http://{}", listener.local_addr().expect("it listens"));
+    let address = url.trim_start_matches("http://").to_owned();
+    std::thread::spawn(move || {
+        for client in listener.incoming().map_while(Result::ok) {
+            let address = address.clone();
+            // A client that leaves is no concern of the others.
+            std::thread::spawn(move || pass_on(client, &address, bytes).ok());
+        }
+    });
+    own
+}
+
+/// One request and its answer; then the connection ends.
+fn pass_on(mut client: TcpStream, address: &str, limit: u64) -> std::io::Result<()> {
+    let mut reader = BufReader::new(client.try_clone()?);
+    let (mut head, mut length) = (String::new(), 0);
+    reader.read_line(&mut head)?;
+    head += "connection: close\r\n";
+    loop {
+        let mut line = String::new();
+        if reader.read_line(&mut line)? == 0 {
+            return Ok(());
+        }
+        if let Some(value) = line.to_ascii_lowercase().strip_prefix("content-length:") {
+            length = value.trim().parse().unwrap_or(0);
+        }
+        head += &line;
+        if line.trim().is_empty() {
+            break;
+        }
+    }
+    let mut body = Vec::new();
+    reader.take(length).read_to_end(&mut body)?;
+    if length > limit {
+        return client.write_all(REFUSAL);
+    }
+    let mut server = TcpStream::connect(address)?;
+    server.write_all(head.as_bytes())?;
+    server.write_all(&body)?;
+    std::io::copy(&mut server, &mut client)?;
+    client.shutdown(Shutdown::Both)
+}
