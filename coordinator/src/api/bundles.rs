@@ -69,10 +69,21 @@ pub(super) async fn upload(
     )
 )]
 pub(super) async fn download(State(service): State<App>, Id(hash): Id<BlobHash>) -> Result<Response, ApiError> {
-    if let Some(url) = service.stores.scenes.read_url(hash).await.map_err(ServiceError::from)? {
+    if let Some(url) = service
+        .stores
+        .scenes
+        .read_url(hash.into())
+        .await
+        .map_err(ServiceError::from)?
+    {
         return Ok(Redirect::temporary(&url).into_response());
     }
-    let (bytes, reader) = service.stores.scenes.open(hash).await.map_err(ServiceError::from)?;
+    let (bytes, reader) = service
+        .stores
+        .scenes
+        .open(hash.into())
+        .await
+        .map_err(ServiceError::from)?;
     let headers = [
         (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
         (header::CONTENT_LENGTH, bytes.to_string()),

@@ -6,9 +6,9 @@
 //! that is found out goes with it, and while a node is in doubt nothing is built on it.
 
 use super::job::Job;
-use super::record::{Change, Loss};
+use super::record::{BlobName, Change, Loss};
 use super::{Decision, Farm, Refusal, SchedulerConfig};
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::Attempt;
 use photonfarm_proto::node::{NodeHeader, NodeKey};
 
@@ -100,14 +100,14 @@ impl Farm {
         job: JobId,
         token: LeaseToken,
         worker: WorkerId,
-    ) -> Result<Decision<Option<(NodeHeader, BlobHash)>>, Refusal> {
+    ) -> Result<Decision<Option<(NodeHeader, BlobName)>>, Refusal> {
         let job = self.live_job(job)?;
         let first = job.lease(token, worker)?.record.node.first();
         if !job.is_chain() || first == 0 {
             return Err(Refusal::Invalid("the lease goes on from nothing".into()));
         }
-        let before = job.live_nodes().find(|(node, _)| node.end() == first);
-        let checkpoint = before.map(|(node, digest)| (job.header(node), digest));
+        let before = job.live_images().find(|(node, _)| node.end() == first);
+        let checkpoint = before.map(|(node, image)| (job.header(node), image));
         Ok(Decision::new(checkpoint, vec![]))
     }
 }

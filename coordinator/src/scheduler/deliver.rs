@@ -2,7 +2,7 @@
 
 use super::Refusal;
 use super::job::Job;
-use super::record::{Change, Loss, NodeRecord, Opinion};
+use super::record::{BlobName, Change, Loss, NodeRecord, Opinion};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::Totals;
 use photonfarm_proto::node::NodeKey;
@@ -22,6 +22,8 @@ pub struct Delivery {
     pub resolution: [u32; 2],
     /// Hash of its image.
     pub digest: BlobHash,
+    /// Which copy of its image the store keeps.
+    pub copy: u64,
     /// Whether its worker stored the image and no coordinator has read it yet.
     pub unread: bool,
     /// What it took.
@@ -39,6 +41,17 @@ pub enum Delivered {
     Repeated,
     /// It differs from a node that counts: another worker decides.
     Disputed,
+}
+
+impl Delivery {
+    /// The name of its image in the store.
+    #[must_use]
+    pub fn image(&self) -> BlobName {
+        BlobName {
+            hash: self.digest,
+            copy: self.copy,
+        }
+    }
 }
 
 impl Job {
@@ -104,7 +117,7 @@ impl Job {
                 unread: delivery.unread,
                 totals: Some(delivery.totals),
                 opinions: if doubt { vec![opinion] } else { vec![] },
-                ..NodeRecord::new(delivery.digest)
+                ..NodeRecord::new(delivery.image())
             },
             resolution: delivery.resolution,
         });

@@ -2,8 +2,7 @@
 
 use super::SchedulerConfig;
 use super::job::Job;
-use super::record::{Change, Loss, Millis, NodeRecord};
-use photonfarm_proto::id::BlobHash;
+use super::record::{BlobName, Change, Loss, Millis, NodeRecord};
 use photonfarm_proto::job::{Attempt, FailureKind, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
 
@@ -50,7 +49,7 @@ impl Job {
 
     /// Replaces the parts of a node by the node; `None` if they are not all there any more.
     #[must_use]
-    pub fn merge(&self, node: NodeKey, digest: BlobHash) -> Option<Vec<Change>> {
+    pub fn merge(&self, node: NodeKey, image: BlobName) -> Option<Vec<Change>> {
         let parts = self.parts(node).filter(|_| !self.state.ended())?;
         let job = self.id();
         let mut totals: Option<Totals> = None;
@@ -63,7 +62,7 @@ impl Job {
             node,
             record: NodeRecord {
                 totals,
-                ..NodeRecord::new(digest)
+                ..NodeRecord::new(image)
             },
             resolution: self.resolution?,
         });
@@ -72,10 +71,10 @@ impl Job {
 
     /// The leftmost node of the image that no coordinator has read yet.
     #[must_use]
-    pub fn next_unread(&self) -> Option<(NodeKey, BlobHash)> {
+    pub fn next_unread(&self) -> Option<(NodeKey, BlobName)> {
         let mut live = self.live.values().map(|key| (*key, &self.nodes[key]));
         live.find(|(_, record)| record.unread)
-            .map(|(key, record)| (key, record.digest))
+            .map(|(key, record)| (key, record.image()))
     }
 
     /// The image of a node was read, and is what it should be.

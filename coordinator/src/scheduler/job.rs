@@ -1,7 +1,7 @@
 //! One job: what is counted, what is lent, what failed.
 
 use super::pace::Pace;
-use super::record::{Change, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord};
+use super::record::{BlobName, Change, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord};
 use super::{Refusal, SchedulerConfig};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
@@ -136,10 +136,15 @@ impl Job {
         self.live.values().map(|key| (*key, self.nodes[key].digest))
     }
 
-    /// The hash of the image of a node that counts on its own.
+    /// The nodes that make up the image, from left to right, with the names of their images in the store.
+    pub fn live_images(&self) -> impl Iterator<Item = (NodeKey, BlobName)> + '_ {
+        self.live.values().map(|key| (*key, self.nodes[key].image()))
+    }
+
+    /// The name in the store of the image of a node that counts on its own.
     #[must_use]
-    pub fn live_digest(&self, node: NodeKey) -> Option<BlobHash> {
-        self.is_live(node).then(|| self.nodes[&node].digest)
+    pub fn live_image(&self, node: NodeKey) -> Option<BlobName> {
+        self.is_live(node).then(|| self.nodes[&node].image())
     }
 
     /// Whether a node counts on its own.

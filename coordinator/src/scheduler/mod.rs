@@ -30,7 +30,7 @@ use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobSpec, JobState};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::worker::Register;
-use record::{Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, WorkerRecord};
+use record::{BlobName, Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, WorkerRecord};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -365,8 +365,9 @@ impl Farm {
 
     /// The image of a node that others make up is safe in the store: it replaces them.
     #[must_use]
-    pub fn merge(&self, job: JobId, node: NodeKey, digest: BlobHash) -> Decision<bool> {
-        let changes = self.jobs.get(&job).and_then(|job| job.merge(node, digest));
+    pub fn merge(&self, job: JobId, node: NodeKey, image: impl Into<BlobName>) -> Decision<bool> {
+        let image = image.into();
+        let changes = self.jobs.get(&job).and_then(|job| job.merge(node, image));
         Decision::new(changes.is_some(), changes.unwrap_or_default())
     }
 

@@ -1,6 +1,6 @@
 //! What is kept: changes to the farm's state, and the records that they leave.
 
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{BlobHash, HashError, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::schedule::{Checkpoint, Schedule, Stop};
@@ -244,11 +244,62 @@ pub struct Renewal {
     pub restarts: u32,
 }
 
+/// The name of bytes in a store: their hash, and which copy of them it is.
+///
+/// Every upload and every merge of a node's image makes a copy with a number of its own. So a name is never used twice,
+/// and whoever removes what no row names any more can never remove what somebody else has just published. Files of
+/// scenes have the one copy 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BlobName {
+    /// Hash of the bytes.
+    pub hash: BlobHash,
+    /// Which copy.
+    pub copy: u64,
+}
+
+impl From<BlobHash> for BlobName {
+    fn from(hash: BlobHash) -> Self {
+        Self { hash, copy: 0 }
+    }
+}
+
+impl std::fmt::Display for BlobName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.copy {
+            0 => self.hash.fmt(f),
+            copy => write!(f, "{}-{copy:016x}", self.hash),
+        }
+    }
+}
+
+impl std::str::FromStr for BlobName {
+    type Err = HashError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let Some((hash, copy)) = text.split_once('-') else {
+            return Ok(text.parse::<BlobHash>()?.into());
+        };
+        let name = Self {
+            hash: hash.parse()?,
+            copy: u64::from_str_radix(copy, 16).unwrap_or_default(),
+        };
+        // A name is written in one way only.
+        if name.to_string() == text {
+            Ok(name)
+        } else {
+            Err(HashError)
+        }
+    }
+}
+
 /// A node that counts, or is part of one that does.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeRecord {
     /// Hash of its image.
     pub digest: BlobHash,
+    /// Which copy of its image the store keeps.
+    #[serde(default)]
+    pub copy: u64,
     /// Whether it counts on its own: not part of a greater node.
     pub live: bool,
     /// Who delivered it; nobody if it was merged from others.
@@ -269,17 +320,28 @@ pub struct NodeRecord {
 }
 
 impl NodeRecord {
-    /// A node of which nothing but the digest is known.
+    /// A node of which nothing but its image is known.
     #[must_use]
-    pub fn new(digest: BlobHash) -> Self {
+    pub fn new(image: impl Into<BlobName>) -> Self {
+        let image = image.into();
         Self {
-            digest,
+            digest: image.hash,
+            copy: image.copy,
             live: true,
             worker: None,
             verified: false,
             opinions: Vec::new(),
             totals: None,
             unread: false,
+        }
+    }
+
+    /// The name of its image in the store.
+    #[must_use]
+    pub fn image(&self) -> BlobName {
+        BlobName {
+            hash: self.digest,
+            copy: self.copy,
         }
     }
 }

@@ -4,9 +4,9 @@
 //! is the one that a job of that many iterations gives, whoever did the work. The noise is tested at fixed prefixes
 //! only, and each prefix is a node of the tree: it waits, unmerged, until it was looked at.
 
-use super::record::{Change, JobControl, Loss, Millis};
+use super::record::{BlobName, Change, JobControl, Loss, Millis};
 use super::{Decision, Farm, Job};
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobState;
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::schedule::{Checkpoint, FIRST_CHECKPOINT_LEVEL, Stop, StopReason};
@@ -38,10 +38,10 @@ impl Job {
 
     /// The prefix whose noise is to be measured now.
     #[must_use]
-    pub fn due_checkpoint(&self) -> Option<(NodeKey, BlobHash)> {
-        let (node, digest) = self.live_nodes().next()?;
+    pub fn due_checkpoint(&self) -> Option<(NodeKey, BlobName)> {
+        let (node, image) = self.live_images().next()?;
         let due = self.is_checkpoint(node) && node.level == self.next_checkpoint_level() && !self.is_in_doubt(node);
-        due.then_some((node, digest))
+        due.then_some((node, image))
     }
 
     /// The highest level that a block may have which begins with the first leaf.

@@ -116,6 +116,7 @@ impl Job {
             let first = record.opinions.iter().find(|other| agree(other));
             if known.digest != opinion.digest {
                 record.totals = delivery.map(|delivery| delivery.totals);
+                record.copy = delivery.map_or(0, |delivery| delivery.copy);
             }
             record.worker = first.map(|first| first.worker);
             record.digest = opinion.digest;

@@ -4,6 +4,7 @@
 
 use super::ServiceError;
 use super::at_hand::{AtHand, Held};
+use crate::scheduler::record::BlobName;
 use crate::store::{BlobStore, StagedBlob};
 use axum::body::Bytes;
 use photonfarm_proto::id::BlobHash;
@@ -35,18 +36,18 @@ impl Arrival {
         store: &dyn BlobStore,
         at_hand: &AtHand,
         header: &NodeHeader,
-        announced: BlobHash,
+        name: BlobName,
     ) -> Result<Self, ServiceError> {
-        let mut staged = store.stage(announced).await?;
+        let mut staged = store.stage(name).await?;
         let head = header.to_bytes();
         staged.write(&head).await?;
-        let mut held = at_hand.begin(announced, head.len() as u64 + header.plane_bytes());
+        let mut held = at_hand.begin(name.hash, head.len() as u64 + header.plane_bytes());
         if let Some(held) = &mut held {
             held.push(Bytes::copy_from_slice(&head));
         }
         Ok(Self {
             staged,
-            announced,
+            announced: name.hash,
             left: header.plane_bytes(),
             pixels: Pixels::of(header),
             held,

@@ -1,12 +1,12 @@
 //! Nodes become one, until only maximal nodes are left; then a complete job ends.
 
-use super::garbage::Garbage;
 use super::merge::{AddError, Merge, Unusable, add_up};
 use super::{Service, ServiceError};
-use crate::scheduler::Job;
+use crate::scheduler::record::BlobName;
+use crate::scheduler::{Farm, Job};
 use crate::store;
 use photonfarm_core::film::Node;
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::node::NodeKey;
 use std::sync::Arc;
 use tokio::runtime::Handle;
@@ -69,26 +69,27 @@ impl Service {
             image = sum;
             match added {
                 Ok(()) => {}
-                Err(AddError::Unusable(Unusable { node, digest, reason })) => {
-                    self.give_up(job, (node, digest), reason).await?;
+                Err(AddError::Unusable(Unusable { node, image, reason })) => {
+                    self.give_up(job, (node, image), reason).await?;
                     continue;
                 }
                 Err(AddError::Store(error)) => return Err(error.into()),
             }
-            let _publishing = self.publishing.read().await;
-            let digest = store::put(&*self.stores.nodes, &image).await?;
-            if !self.transact(move |farm, _| Ok(farm.merge(job, node, digest))).await? {
-                self.collect_refused(Garbage { job, node, digest });
-            } else if let Some(mut held) = self.at_hand.begin(digest, image.len() as u64) {
+            let publication = self.publication().await;
+            let sum = store::put(&*self.stores.nodes, &image, store::new_copy()?).await?;
+            let merge = move |farm: &Farm, _| Ok(farm.merge(job, node, sum));
+            if !self.transact_until(publication.last, merge).await? {
+                self.discard(job, sum);
+            } else if let Some(mut held) = self.at_hand.begin(sum.hash, image.len() as u64) {
                 held.push(std::mem::take(&mut image).into());
-                self.at_hand.keep(digest, held);
+                self.at_hand.keep(sum.hash, held);
             }
         }
         Ok(())
     }
 
     /// A node of the image that nobody has looked at, where nothing is left to merge.
-    async fn next_unread(self: &Arc<Self>, job: JobId) -> Result<Option<(NodeKey, BlobHash)>, ServiceError> {
+    async fn next_unread(self: &Arc<Self>, job: JobId) -> Result<Option<(NodeKey, BlobName)>, ServiceError> {
         Ok(self.fresh_farm().await?.farm.job(job).and_then(Job::next_unread))
     }
 
@@ -98,7 +99,7 @@ impl Service {
         let merge = || {
             let key = job.next_merge()?;
             let parts = job.parts(key)?.into_iter();
-            let parts = parts.map(|part| Some((part, job.live_digest(part)?)));
+            let parts = parts.map(|part| Some((part, job.live_image(part)?)));
             Some(Merge {
                 node: job.header(key),
                 parts: parts.collect::<Option<_>>()?,
@@ -110,11 +111,11 @@ impl Service {
     pub(super) async fn child(
         self: &Arc<Self>,
         job: JobId,
-        (node, digest): (NodeKey, BlobHash),
+        (node, image): (NodeKey, BlobName),
     ) -> Result<Option<Node>, ServiceError> {
         let header = self.fresh_farm().await?.farm.job(job).map(|job| job.header(node));
         match header {
-            Some(header) => self.node(header, digest).await,
+            Some(header) => self.node(header, image).await,
             None => Ok(None),
         }
     }

@@ -1,100 +1,118 @@
 //! Images of nodes that do not count are removed, by and by.
 //!
-//! Where nobody else publishes bytes, that is as soon as their row is gone, and at every start. Elsewhere a blob without
-//! a row may be one whose row is about to come: it is garbage only once it is old.
+//! No name of an image is ever used twice: every upload and every merge makes a copy with a number of its own. So what
+//! decides over a removal is the commit that drops the row with the name, whoever made it; nobody can publish that name
+//! again afterwards. What a crash leaves between the bytes and their row is garbage once it is old: a row must name its
+//! bytes soon after they were published, or never.
 
 use super::{Service, ServiceError};
-use crate::scheduler::record::{Change, Millis};
-use crate::scheduler::{Farm, Job};
-use photonfarm_proto::id::{BlobHash, JobId};
-use photonfarm_proto::node::NodeKey;
+use crate::scheduler::Farm;
+use crate::scheduler::record::{BlobName, Change, Millis};
+use photonfarm_proto::id::JobId;
+use photonfarm_proto::problem::{ErrorCode, Problem};
 use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::RwLockReadGuard;
 
-/// Age at which a blob without a row is garbage where others publish as well [ms].
-const GARBAGE_AGE: Millis = 3_600_000;
+/// Age at which an image without a row is garbage.
+const GARBAGE_AGE: Duration = Duration::from_secs(3600);
+/// Longest time from the publication of an image to the commit of its row [ms]. It is far shorter than the age of
+/// garbage, so that no removal meets an image whose row is about to come, wherever that is decided.
+const COMMIT_WITHIN: Millis = 600_000;
 
-/// A node's image that may be garbage.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Garbage {
-    pub(super) job: JobId,
-    pub(super) node: NodeKey,
-    pub(super) digest: BlobHash,
+/// An image is about to be published, and then its row committed.
+pub(super) struct Publication<'a> {
+    /// No sweep of this process looks at the rows before the commit.
+    _shared: RwLockReadGuard<'a, ()>,
+    /// When the row must be committed at the latest.
+    pub(super) last: Millis,
+}
+
+/// The answer to a sender whose image was published too long ago.
+pub(super) fn too_late() -> ServiceError {
+    let detail = "the image of the node could not be counted in time: send it again";
+    Problem::new(ErrorCode::Unavailable, detail).into()
 }
 
 impl Service {
-    /// Whether others publish bytes: other coordinators, or workers by signed URL.
-    fn others_publish(&self) -> bool {
-        self.stores.state.is_shared() || self.stores.nodes.signs()
+    /// Announces that an image is published now and its row committed then.
+    pub(super) async fn publication(&self) -> Publication<'_> {
+        Publication {
+            _shared: self.publishing.read().await,
+            last: self.clock.now().saturating_add(COMMIT_WITHIN),
+        }
     }
 
-    /// Removes the images of nodes that were merged or given up.
-    pub(super) fn collect(self: &Arc<Self>, garbage: Vec<Garbage>) {
+    /// Removes images that a commit has dropped.
+    pub(super) fn collect(self: &Arc<Self>, garbage: Vec<BlobName>) {
         if garbage.is_empty() {
             return;
         }
         let service = self.clone();
         tokio::spawn(async move {
-            for garbage in garbage {
-                service.at_hand.forget(garbage.digest);
-                service.remove_if_garbage(garbage).await;
+            for image in garbage {
+                service.at_hand.forget(image.hash);
+                service.remove(image).await;
             }
         });
     }
 
-    /// Removes the image of a delivery that did not count; where others publish, time does.
-    pub(super) fn collect_refused(self: &Arc<Self>, garbage: Garbage) {
-        if !self.others_publish() {
-            self.collect(vec![garbage]);
-        }
+    /// Removes the image of a delivery that was decided over, unless it counts. Where the outcome of the decision is not
+    /// known, age decides.
+    pub(super) fn discard(self: &Arc<Self>, job: JobId, image: BlobName) {
+        let service = self.clone();
+        tokio::spawn(async move {
+            match service.find_job(job).await {
+                Ok(job) if job.live_images().any(|(_, live)| live == image) => {}
+                Ok(_) | Err(ServiceError::Refusal(_)) => service.remove(image).await,
+                Err(error) => tracing::warn!(%error, "garbage is left for later"),
+            }
+        });
     }
 
-    async fn remove_if_garbage(self: &Arc<Self>, Garbage { job, node, digest }: Garbage) {
-        let _alone = self.publishing.write().await;
-        let counts = |job: &Job| job.live_nodes().any(|(live, hash)| live == node && hash == digest);
-        let result = match self.find_job(job).await {
-            Ok(job) if counts(&job) => return,
-            Ok(_) | Err(ServiceError::Refusal(_)) => self.stores.nodes.remove(digest).await,
-            Err(error) => return tracing::warn!(%error, "garbage is left for later"),
-        };
-        if let Err(error) = result {
+    async fn remove(&self, image: BlobName) {
+        if let Err(error) = self.stores.nodes.remove(image).await {
             tracing::warn!(%error, "garbage is left for later");
         }
     }
 
-    /// Removes node images that no row names: what a crash between bytes and row leaves.
+    /// Removes old images that no row names: what a crash between bytes and row leaves.
     pub(super) async fn remove_orphans(&self) -> Result<(), ServiceError> {
-        let now = self.clock.now();
-        let before = if self.others_publish() {
-            now.saturating_sub(GARBAGE_AGE)
-        } else {
-            Millis::MAX
-        };
-        self.stores.nodes.tidy(before).await?;
-        let old = self.stores.nodes.list().await?.into_iter();
-        let old: Vec<BlobHash> = old.filter(|(_, at)| *at < before).map(|(hash, _)| hash).collect();
-        let mut live = self.stores.state.live_digests().await?;
+        self.stores.nodes.tidy(GARBAGE_AGE).await?;
+        let listed = self.stores.nodes.list().await?.into_iter();
+        let old: Vec<BlobName> = listed
+            .filter(|(_, age)| *age >= GARBAGE_AGE)
+            .map(|(name, _)| name)
+            .collect();
+        if old.is_empty() {
+            return Ok(());
+        }
+        // Whatever of it was about to be committed here is committed once this process publishes nothing.
+        drop(self.publishing.write().await);
+        let mut live = self.stores.state.live_images().await?;
         live.sort_unstable();
-        for digest in old {
-            if live.binary_search(&digest).is_err() {
-                self.stores.nodes.remove(digest).await?;
+        for image in old {
+            if live.binary_search(&image).is_err() {
+                self.stores.nodes.remove(image).await?;
             }
         }
         Ok(())
     }
 }
 
-/// The images that `changes` make superfluous.
-pub(super) fn superfluous(farm: &Farm, changes: &[Change]) -> Vec<Garbage> {
-    let merged = changes.iter().filter_map(|change| match change {
+/// The images that counted and are named no more once `changes` are applied.
+pub(super) fn superfluous(farm: &Farm, changes: &[Change]) -> Vec<BlobName> {
+    let named = |image: &BlobName| {
+        changes.iter().any(|change| match change {
+            Change::NodeAdded { record, .. } | Change::NodeJudged { record, .. } => record.image() == *image,
+            _ => false,
+        })
+    };
+    let dropped = changes.iter().filter_map(|change| match change {
         Change::NodeMerged { job, node }
         | Change::NodeLost { job, node, .. }
-        | Change::NodeJudged { job, node, .. } => Some((*job, *node)),
+        | Change::NodeJudged { job, node, .. } => farm.job(*job)?.live_image(*node),
         _ => None,
     });
-    merged
-        .filter_map(|(job, node)| {
-            let (_, digest) = farm.job(job)?.live_nodes().find(|(live, _)| *live == node)?;
-            Some(Garbage { job, node, digest })
-        })
-        .collect()
+    dropped.filter(|image| !named(image)).collect()
 }

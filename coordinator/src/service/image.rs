@@ -69,8 +69,8 @@ impl Service {
     async fn average(self: &Arc<Self>, job: &Job) -> Result<Option<Image>, ServiceError> {
         let mut average = Average::default();
         let mut empty = true;
-        for (node, digest) in job.live_nodes() {
-            let Some(node) = self.node(job.header(node), digest).await? else {
+        for (node, image) in job.live_images() {
+            let Some(node) = self.node(job.header(node), image).await? else {
                 return Ok(None);
             };
             let add = move || -> Result<Average, ServiceError> {

@@ -33,7 +33,7 @@ impl Service {
         caller.within("bundle_bytes", used, Some(most))?;
         let mut missing = Vec::new();
         for (blob, _) in manifest.blobs() {
-            if self.stores.scenes.size(blob).await?.is_none() && missing.last() != Some(&blob) {
+            if self.stores.scenes.size(blob.into()).await?.is_none() && missing.last() != Some(&blob) {
                 missing.push(blob);
             }
         }
@@ -56,9 +56,9 @@ impl Service {
             let detail = format!("no bundle names a file {hash}: send the manifest first");
             return Err(Problem::new(ErrorCode::NotFound, detail).into());
         };
-        let mut staged = match self.stores.scenes.size(hash).await? {
+        let mut staged = match self.stores.scenes.size(hash.into()).await? {
             Some(_) => None,
-            None => Some(self.stores.scenes.stage(hash).await?),
+            None => Some(self.stores.scenes.stage(hash.into()).await?),
         };
         let mut received = 0;
         while let Some(piece) = next_piece(&mut body).await? {
@@ -132,7 +132,7 @@ impl Service {
                 .into());
         }
         for (name, file) in &manifest.files {
-            match self.stores.scenes.size(file.hash).await? {
+            match self.stores.scenes.size(file.hash.into()).await? {
                 Some(bytes) if bytes == file.bytes => {}
                 Some(bytes) => {
                     let detail = format!("{name:?} has {bytes} bytes, the manifest says {}", file.bytes);

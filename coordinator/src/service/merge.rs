@@ -2,8 +2,8 @@
 //! image, however many are added.
 
 use super::at_hand::AtHand;
+use crate::scheduler::record::BlobName;
 use crate::store::{BlobReader, BlobStore, StoreError};
-use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::node::{NodeHeader, NodeKey};
 use photonfarm_proto::planes::{self, Pixels};
 use std::io::ErrorKind;
@@ -17,14 +17,14 @@ const PIECE: usize = 1 << 18;
 pub(super) struct Merge {
     pub(super) node: NodeHeader,
     /// The nodes that make it up, from left to right.
-    pub(super) parts: Vec<(NodeKey, BlobHash)>,
+    pub(super) parts: Vec<(NodeKey, BlobName)>,
 }
 
 /// A node of which the image cannot be used.
 #[derive(Debug)]
 pub(super) struct Unusable {
     pub(super) node: NodeKey,
-    pub(super) digest: BlobHash,
+    pub(super) image: BlobName,
     pub(super) reason: String,
 }
 
@@ -54,8 +54,8 @@ pub(super) async fn add_up(
     let (head, rest) = image.split_at_mut(NodeHeader::BYTES);
     head.copy_from_slice(&merge.node.to_bytes());
     let mut parts = Vec::with_capacity(merge.parts.len());
-    for &(key, digest) in &merge.parts {
-        parts.push(Part::open(store, at_hand, NodeHeader { key, ..merge.node }, digest).await?);
+    for &(key, image) in &merge.parts {
+        parts.push(Part::open(store, at_hand, NodeHeader { key, ..merge.node }, image).await?);
     }
     let mut stack: Vec<(NodeKey, Vec<f32>)> = Vec::new();
     let (sums, statistics) = rest.split_at_mut(merge.node.image_bytes() as usize);
@@ -84,7 +84,7 @@ pub(super) async fn add_up(
 /// The image of a part as it is read.
 struct Part {
     header: NodeHeader,
-    digest: BlobHash,
+    image: BlobName,
     reader: BlobReader,
     /// None for an image that was looked at when it arrived.
     checks: Option<Checks>,
@@ -102,23 +102,23 @@ impl Part {
         store: &dyn BlobStore,
         at_hand: &AtHand,
         header: NodeHeader,
-        digest: BlobHash,
+        image: BlobName,
     ) -> Result<Self, AddError> {
         let unusable = |reason| {
             AddError::Unusable(Unusable {
                 node: header.key,
-                digest,
+                image,
                 reason,
             })
         };
-        let held = at_hand.open(digest);
+        let held = at_hand.open(image.hash);
         let checks = held.is_none().then(|| Checks {
             hasher: blake3::Hasher::new(),
             pixels: Pixels::of(&header),
         });
         let opened = match held {
             Some(held) => Ok(held),
-            None => store.open(digest).await,
+            None => store.open(image).await,
         };
         let (length, reader) = match opened {
             Ok(opened) => opened,
@@ -131,7 +131,7 @@ impl Part {
         }
         let mut part = Self {
             header,
-            digest,
+            image,
             reader,
             checks,
             bytes: Vec::new(),
@@ -146,7 +146,7 @@ impl Part {
     fn unusable(&self, reason: String) -> AddError {
         AddError::Unusable(Unusable {
             node: self.header.key,
-            digest: self.digest,
+            image: self.image,
             reason,
         })
     }
@@ -160,7 +160,7 @@ impl Part {
                 return Err(self.unusable("its image ends early".to_owned()));
             }
             Err(source) => {
-                let path = self.digest.to_string().into();
+                let path = self.image.to_string().into();
                 return Err(StoreError::Io { path, source }.into());
             }
         }
@@ -187,8 +187,8 @@ impl Part {
 
     fn end(self) -> Result<(), AddError> {
         let Some(checks) = &self.checks else { return Ok(()) };
-        let found = BlobHash::from(checks.hasher.finalize());
-        if found != self.digest {
+        let found = checks.hasher.finalize().into();
+        if self.image.hash != found {
             return Err(self.unusable(format!("its image has hash {found}")));
         }
         match checks.pixels.bad() {

@@ -2,6 +2,7 @@
 
 mod arrival;
 mod at_hand;
+mod clock;
 mod error;
 mod fold;
 mod garbage;
@@ -16,8 +17,10 @@ mod shared;
 mod shared_tests;
 mod stored;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod upload;
+#[cfg(test)]
+mod window_tests;
 mod workers;
 
 pub use error::ServiceError;
@@ -26,12 +29,13 @@ pub use image::{ImageFormat, Picture};
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
+use clock::Clock;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
 use std::hash::{BuildHasher, RandomState};
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 use tokio::sync::{Mutex, RwLock, Semaphore, watch};
 
 pub use photonfarm_proto::VERSION;
@@ -83,33 +87,12 @@ struct FarmCell {
     stale: bool,
 }
 
-/// Milliseconds since 1970 that never run backwards.
-struct Clock {
-    base_ms: Millis,
-    start: Instant,
-}
-
-impl Clock {
-    fn new(offset_ms: i64) -> Self {
-        let base_ms = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .unwrap_or_default()
-            .as_millis() as Millis;
-        Self {
-            base_ms: base_ms.saturating_add_signed(offset_ms),
-            start: Instant::now(),
-        }
-    }
-
-    fn now(&self) -> Millis {
-        self.base_ms + self.start.elapsed().as_millis() as Millis
-    }
-}
-
 impl Service {
     /// Goes on from what the stores hold.
     pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
-        let clock = Clock::new(stores.state.clock_offset_ms());
+        let clock = Clock::new();
+        let now = clock.now();
+        clock.set(now, now.saturating_add_signed(stores.state.clock_offset_ms()), now);
         let scheduler = SchedulerConfig {
             verify_secret: RandomState::new().hash_one(0),
             ..scheduler
@@ -206,6 +189,15 @@ impl Service {
         self: &Arc<Self>,
         decide: impl Fn(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
     ) -> Result<T, ServiceError> {
+        self.transact_until(Millis::MAX, decide).await
+    }
+
+    /// As [`transact`](Self::transact); after the time `last` nothing is committed.
+    async fn transact_until<T: Send + 'static>(
+        self: &Arc<Self>,
+        last: Millis,
+        decide: impl Fn(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
+    ) -> Result<T, ServiceError> {
         let service = self.clone();
         let task = async move {
             let mut cell = service.fresh_farm().await?;
@@ -218,6 +210,9 @@ impl Service {
                 };
                 if changes.is_empty() {
                     return Ok(reply);
+                }
+                if now > last {
+                    return Err(garbage::too_late());
                 }
                 match service.stores.state.commit(cell.sequence, changes.clone()).await {
                     Ok(Commit::Kept(sequence)) => {

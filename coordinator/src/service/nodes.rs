@@ -1,10 +1,11 @@
 //! Images of nodes as they are read: one that is not what it should be is given up.
 
 use super::{Service, ServiceError};
-use crate::scheduler::Farm;
+use crate::scheduler::record::BlobName;
+use crate::scheduler::{Decision, Farm};
 use crate::store::StoreError;
 use photonfarm_core::film::Node;
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::node::{self, NodeHeader, NodeKey};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{StatisticsRequest, statistics_body};
@@ -16,12 +17,12 @@ impl Service {
     pub(super) async fn node(
         self: &Arc<Self>,
         header: NodeHeader,
-        digest: BlobHash,
+        image: BlobName,
     ) -> Result<Option<Node>, ServiceError> {
-        match self.read_node(header, digest).await? {
+        match self.read_node(header, image).await? {
             Ok(node) => Ok(Some(node)),
             Err(reason) => {
-                self.give_up(header.job, (header.key, digest), reason).await?;
+                self.give_up(header.job, (header.key, image), reason).await?;
                 Ok(None)
             }
         }
@@ -33,7 +34,7 @@ impl Service {
         let _permit = self.uploads.acquire().await.map_err(|_| ServiceError::Stopping)?;
         let find = move |farm: &Farm, _| farm.checkpoint_of(job, token, worker);
         let node = match self.transact(find).await? {
-            Some((header, digest)) => self.node(header, digest).await?,
+            Some((header, image)) => self.node(header, image).await?,
             None => None,
         };
         let gone = || {
@@ -49,14 +50,21 @@ impl Service {
     pub(super) async fn give_up(
         self: &Arc<Self>,
         job: JobId,
-        (node, digest): (NodeKey, BlobHash),
+        (node, image): (NodeKey, BlobName),
         reason: String,
     ) -> Result<(), ServiceError> {
         tracing::warn!(%job, %node, reason, "the image of a node cannot be used");
-        let lose = move |farm: &Farm, now| Ok(farm.lose(job, node, &reason, now));
-        if self.transact(lose).await? {
-            self.stores.nodes.remove(digest).await?;
-        }
+        let lose = move |farm: &Farm, now| {
+            // It may have been replaced meanwhile, by another copy.
+            match farm.job(job).and_then(|job| job.live_image(node)) == Some(image) {
+                true => Ok(farm.lose(job, node, &reason, now)),
+                false => Ok(Decision {
+                    reply: false,
+                    changes: vec![],
+                }),
+            }
+        };
+        self.transact(lose).await?;
         Ok(())
     }
 
@@ -64,10 +72,10 @@ impl Service {
     pub(super) async fn read_node(
         &self,
         header: NodeHeader,
-        digest: BlobHash,
+        image: BlobName,
     ) -> Result<Result<Node, String>, ServiceError> {
         let most = NodeHeader::BYTES as u64 + header.plane_bytes();
-        let bytes = match self.stores.nodes.read(digest, most).await {
+        let bytes = match self.stores.nodes.read(image, most).await {
             Ok(bytes) => bytes,
             Err(error @ (StoreError::NoBlob(_) | StoreError::Damaged(_))) => return Ok(Err(error.to_string())),
             Err(error) => return Err(error.into()),

@@ -10,8 +10,8 @@ impl Service {
     /// Measures the noise at the checkpoint that is due, if there is one; the job goes on or stops.
     pub(super) async fn measure_noise(self: &Arc<Self>, job: JobId) -> Result<bool, ServiceError> {
         let due = self.fresh_farm().await?.farm.job(job).and_then(Job::due_checkpoint);
-        let Some((key, digest)) = due else { return Ok(false) };
-        if let Some(node) = self.child(job, (key, digest)).await? {
+        let Some((key, image)) = due else { return Ok(false) };
+        if let Some(node) = self.child(job, (key, image)).await? {
             let noise = tokio::task::spawn_blocking(move || noise(node))
                 .await
                 .map_err(|_| ServiceError::Stopping)??;

@@ -31,7 +31,7 @@ async fn open(url: &str, folder: &Path) -> Arc<Service> {
 async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
     let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
     let bundle = service.submit_bundle(BundleManifest { files }, &Caller::anyone()).await;
-    store::put(&*service.stores.scenes, b"scene").await.unwrap();
+    store::put(&*service.stores.scenes, b"scene", 0).await.unwrap();
     let spec = JobSpec {
         scene: bundle.unwrap().bundle,
         main: "scene.xml".into(),

@@ -5,8 +5,9 @@
 
 use super::upload::delivery;
 use super::{Service, ServiceError};
+use crate::scheduler::record::Millis;
 use crate::scheduler::{Delivered, Job, Refusal};
-use crate::store::StoreError;
+use crate::store::{self, StoreError};
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{NodePlace, NodeUpload};
@@ -27,7 +28,7 @@ impl Service {
     pub(crate) async fn place(self: &Arc<Self>, upload: &NodeUpload) -> Result<NodePlace, ServiceError> {
         self.check_upload(upload).await?;
         if self.would_count(upload).await? == Delivered::Duplicate {
-            self.deliver(delivery(upload, true)).await?;
+            self.deliver(delivery(upload, true, 0), Millis::MAX).await?;
             return Ok(NodePlace::Known);
         }
         let url = self.stores.nodes.write_url(&name(upload)).await?;
@@ -38,27 +39,32 @@ impl Service {
     pub(crate) async fn stored(self: &Arc<Self>, upload: NodeUpload) -> Result<Delivered, ServiceError> {
         let header = self.check_upload(&upload).await?;
         if self.would_count(&upload).await? == Delivered::Duplicate {
-            return self.deliver(delivery(&upload, true)).await;
+            return self.deliver(delivery(&upload, true, 0), Millis::MAX).await;
         }
         let service = self.clone();
         let task = async move {
-            let publishing = service.publishing.read().await;
+            let mut delivery = delivery(&upload, true, store::new_copy()?);
+            let publication = service.publication().await;
             let bytes = NodeHeader::BYTES as u64 + header.plane_bytes();
-            let adopted = service.stores.nodes.adopt(&name(&upload), upload.digest, bytes).await;
+            let adopted = service
+                .stores
+                .nodes
+                .adopt(&name(&upload), delivery.image(), bytes)
+                .await;
             adopted.map_err(not_there)?;
             let first = service.find_job(upload.job).await?.resolution().is_none();
             let _permit = match first {
                 true => Some(service.uploads.acquire().await.map_err(|_| ServiceError::Stopping)?),
                 false => None,
             };
-            if first && let Err(reason) = service.read_node(header, upload.digest).await? {
-                service.stores.nodes.remove(upload.digest).await?;
+            if first && let Err(reason) = service.read_node(header, delivery.image()).await? {
+                service.stores.nodes.remove(delivery.image()).await?;
                 service.blame(&upload, &reason).await?;
                 return Err(Problem::new(ErrorCode::ContentMismatch, reason).into());
             }
-            let delivery = delivery(&upload, !first);
-            let result = service.deliver(delivery.clone()).await;
-            drop(publishing);
+            delivery.unread = !first;
+            let result = service.deliver(delivery.clone(), publication.last).await;
+            drop(publication);
             service.after_delivery(&delivery, result).await
         };
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
@@ -66,7 +72,7 @@ impl Service {
 
     /// What would become of a delivery now.
     pub(super) async fn would_count(self: &Arc<Self>, upload: &NodeUpload) -> Result<Delivered, ServiceError> {
-        let delivery = delivery(upload, true);
+        let delivery = delivery(upload, true, 0);
         let wanted = delivery.clone();
         let decide = move |farm: &crate::scheduler::Farm, now| {
             let mut decision = farm.deliver(&wanted, now)?;

@@ -20,14 +20,15 @@ use photonfarm_proto::worker::{Lease, LeaseRequest, NodePlace, NodeUpload, Regis
 use photonfarm_test_servers::S3;
 use std::convert::Infallible;
 use std::path::Path;
+use std::time::SystemTime;
 use tempfile::TempDir;
 
-struct World {
+pub(super) struct World {
     folder: TempDir,
     state: Arc<MemoryStore>,
-    service: Arc<Service>,
+    pub(super) service: Arc<Service>,
     worker: WorkerId,
-    job: JobId,
+    pub(super) job: JobId,
 }
 
 fn stores(folder: &Path, state: &Arc<MemoryStore>) -> Stores {
@@ -45,6 +46,20 @@ async fn open(folder: &Path, state: &Arc<MemoryStore>) -> Arc<Service> {
         .unwrap()
 }
 
+/// Two hours pass for the files of a folder.
+pub(crate) fn age(folder: &Path) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            age(&path);
+        } else {
+            let file = std::fs::File::options().append(true).open(path).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(7200))
+                .unwrap();
+        }
+    }
+}
+
 impl World {
     async fn new(iterations: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
@@ -53,7 +68,7 @@ impl World {
         Self::with(iterations, folder, state, stores).await
     }
 
-    async fn with(iterations: u32, folder: TempDir, state: Arc<MemoryStore>, stores: Stores) -> Self {
+    pub(super) async fn with(iterations: u32, folder: TempDir, state: Arc<MemoryStore>, stores: Stores) -> Self {
         let service = Service::open(Limits::default(), SchedulerConfig::default(), stores)
             .await
             .unwrap();
@@ -63,7 +78,7 @@ impl World {
             .await
             .unwrap()
             .bundle;
-        store::put(&*service.stores.scenes, b"scene").await.unwrap();
+        store::put(&*service.stores.scenes, b"scene", 0).await.unwrap();
         let spec = JobSpec {
             scene: bundle,
             main: "scene.xml".into(),
@@ -90,7 +105,7 @@ impl World {
         }
     }
 
-    async fn lease(&self) -> Lease {
+    pub(super) async fn lease(&self) -> Lease {
         let request = LeaseRequest {
             worker: self.worker,
             held: vec![],
@@ -106,7 +121,7 @@ impl World {
     }
 
     /// What a worker announces, and the image.
-    fn rendered(&self, lease: &Lease) -> (NodeUpload, Vec<u8>) {
+    pub(super) fn rendered(&self, lease: &Lease) -> (NodeUpload, Vec<u8>) {
         let node = Node::leaf(
             lease.node.index,
             2,
@@ -128,7 +143,7 @@ impl World {
         (upload, image)
     }
 
-    async fn upload(&self, lease: &Lease) -> Result<Delivered, ServiceError> {
+    pub(super) async fn upload(&self, lease: &Lease) -> Result<Delivered, ServiceError> {
         let (upload, image) = self.rendered(lease);
         self.send(&upload, &image).await
     }
@@ -144,7 +159,7 @@ impl World {
         *self.state.next.lock().unwrap() = next;
     }
 
-    async fn done(&self) -> u64 {
+    pub(super) async fn done(&self) -> u64 {
         self.service.status(self.job).await.unwrap().iterations_done
     }
 
@@ -154,7 +169,7 @@ impl World {
 }
 
 #[tokio::test]
-async fn bytes_without_a_row_do_not_count_and_go_at_the_next_start() {
+async fn bytes_without_a_row_do_not_count_and_go_at_the_next_start_once_they_are_old() {
     let world = World::new(4).await;
     let lease = world.lease().await;
     world.next_commit(NextCommit::Fails);
@@ -166,7 +181,16 @@ async fn bytes_without_a_row_do_not_count_and_go_at_the_next_start() {
     } = world;
     drop(service);
     let stores = stores(folder.path(), &state);
-    store::put(&*stores.nodes, b"left behind").await.unwrap();
+    store::put(&*stores.nodes, b"left behind", 7).await.unwrap();
+    drop(stores);
+    let service = open(folder.path(), &state).await;
+    assert_eq!(
+        service.stores.nodes.list().await.unwrap().len(),
+        2,
+        "they may be those of a row that is about to come"
+    );
+    drop(service);
+    age(&folder.path().join("nodes"));
     let service = open(folder.path(), &state).await;
     assert_eq!(service.stores.nodes.list().await.unwrap(), []);
 }
@@ -257,8 +281,8 @@ async fn a_lost_image_is_rendered_again() {
     let world = World::new(2).await;
     let first = world.lease().await;
     world.upload(&first).await.unwrap();
-    let digest = world.service.stores.nodes.list().await.unwrap()[0].0;
-    world.service.stores.nodes.remove(digest).await.unwrap();
+    let image = world.service.stores.nodes.list().await.unwrap()[0].0;
+    world.service.stores.nodes.remove(image).await.unwrap();
     let second = world.lease().await;
     world.upload(&second).await.unwrap();
     world.service.fold_all().await;
@@ -286,7 +310,11 @@ async fn world_of_objects(iterations: u32, s3: &S3) -> World {
 }
 
 /// Puts bytes where the coordinator says, and says so.
-async fn put_and_say_so(world: &World, upload: &NodeUpload, bytes: Vec<u8>) -> Result<Delivered, ServiceError> {
+pub(super) async fn put_and_say_so(
+    world: &World,
+    upload: &NodeUpload,
+    bytes: Vec<u8>,
+) -> Result<Delivered, ServiceError> {
     let NodePlace::Url(url) = world.service.place(upload).await? else {
         panic!("a place in the object store");
     };

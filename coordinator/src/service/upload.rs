@@ -1,9 +1,10 @@
 //! Nodes arrive: bytes first, then the row, then the acknowledgement.
 
 use super::arrival::{Arrival, Arrived, too_short};
-use super::garbage::Garbage;
 use super::{Service, ServiceError};
-use crate::scheduler::{Delivered, Delivery, Job, Refusal};
+use crate::scheduler::record::Millis;
+use crate::scheduler::{Delivered, Delivery, Farm, Job, Refusal};
+use crate::store;
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt};
 use photonfarm_proto::codec;
@@ -41,12 +42,13 @@ impl Service {
             body.linger().await;
             return answer;
         }
-        let mut image = Arrival::begin(&*self.stores.nodes, &self.at_hand, &header, upload.digest).await?;
+        let delivery = delivery(&upload, false, store::new_copy()?);
+        let mut image = Arrival::begin(&*self.stores.nodes, &self.at_hand, &header, delivery.image()).await?;
         while let Some(piece) = body.next().await? {
             image.take(piece).await?;
         }
         match image.end()? {
-            Ok(image) => self.accept(upload, image).await,
+            Ok(image) => self.accept(delivery, image).await,
             // Its bytes came as they were sent, so that the network is not to blame.
             Err(error) => {
                 self.blame(&upload, &error.to_string()).await?;
@@ -58,11 +60,13 @@ impl Service {
     /// What becomes of a node whatever its image is: it is known already, or refused. Nobody may take the
     /// coordinator's time for an image that cannot count.
     async fn foresee(self: &Arc<Self>, upload: &NodeUpload) -> Option<Result<Delivered, ServiceError>> {
-        let delivery = delivery(upload, false);
         match self.would_count(upload).await {
-            Ok(Delivered::Duplicate) => Some(self.deliver(delivery).await),
+            Ok(Delivered::Duplicate) => Some(self.deliver(delivery(upload, false, 0), Millis::MAX).await),
             Ok(_) => None,
-            refused => Some(self.after_delivery(&delivery, refused).await),
+            Err(error) => {
+                note_incident(&delivery(upload, false, 0), &error);
+                Some(Err(error))
+            }
         }
     }
 
@@ -82,16 +86,15 @@ impl Service {
 
     async fn accept(
         self: &Arc<Self>,
-        upload: NodeUpload,
+        delivery: Delivery,
         Arrived { staged, held }: Arrived,
     ) -> Result<Delivered, ServiceError> {
-        let delivery = delivery(&upload, false);
         let service = self.clone();
         let task = async move {
-            let publishing = service.publishing.read().await;
+            let publication = service.publication().await;
             staged.publish().await?;
-            let result = service.deliver(delivery.clone()).await;
-            drop(publishing);
+            let result = service.deliver(delivery.clone(), publication.last).await;
+            drop(publication);
             if let (Ok(Delivered::Counted), Some(held)) = (&result, held) {
                 service.at_hand.keep(delivery.digest, held);
             }
@@ -100,20 +103,18 @@ impl Service {
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
     }
 
-    /// What follows a delivery, whatever became of it.
+    /// What follows a delivery of an image that was published, whatever became of it.
     pub(super) async fn after_delivery(
         self: &Arc<Self>,
         delivery: &Delivery,
         result: Result<Delivered, ServiceError>,
     ) -> Result<Delivered, ServiceError> {
-        let Delivery {
-            worker,
-            job,
-            node,
-            digest,
-            ..
-        } = *delivery;
-        let garbage = Garbage { job, node, digest };
+        match &result {
+            Ok(Delivered::Counted) => {}
+            Ok(_) | Err(ServiceError::Refusal(_)) => self.discard(delivery.job, delivery.image()),
+            Err(_) => {}
+        }
+        let Delivery { worker, job, node, .. } = *delivery;
         match &result {
             Ok(Delivered::Counted | Delivered::Repeated) => {
                 let now = self.clock.now();
@@ -122,22 +123,20 @@ impl Service {
             }
             Ok(Delivered::Disputed) => {
                 tracing::error!(%worker, %job, %node, "incident: two results for one node; another worker decides");
-                self.collect_refused(garbage);
                 let detail = format!("job {job}: node {node} counts with another digest; another worker decides");
                 return Err(Problem::new(ErrorCode::ResultConflict, detail).into());
             }
-            Err(ServiceError::Refusal(refusal @ Refusal::Conflict { .. })) => {
-                tracing::error!(%worker, %job, %node, %refusal, "incident: two results for one node");
-            }
-            _ => {}
+            Ok(Delivered::Duplicate) => {}
+            Err(error) => note_incident(delivery, error),
         }
-        self.collect_refused(garbage);
         result
     }
 
-    pub(super) async fn deliver(self: &Arc<Self>, delivery: Delivery) -> Result<Delivered, ServiceError> {
+    /// Decides over a delivery, and commits that before the time `last` is over.
+    pub(super) async fn deliver(self: &Arc<Self>, delivery: Delivery, last: Millis) -> Result<Delivered, ServiceError> {
         let wanted = delivery.clone();
-        match self.transact(move |farm, now| farm.deliver(&wanted, now)).await {
+        let decide = move |farm: &Farm, now| farm.deliver(&wanted, now);
+        match self.transact_until(last, decide).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
                 let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
                 Ok(Job::from_record(record).deliver(&delivery, false)?.0)
@@ -147,8 +146,16 @@ impl Service {
     }
 }
 
+/// A result that differs from one that counts is more than a refusal.
+fn note_incident(delivery: &Delivery, error: &ServiceError) {
+    if let ServiceError::Refusal(refusal @ Refusal::Conflict { .. }) = error {
+        let Delivery { worker, job, node, .. } = delivery;
+        tracing::error!(%worker, %job, %node, %refusal, "incident: two results for one node");
+    }
+}
+
 /// What the scheduler is told of an upload.
-pub(super) fn delivery(upload: &NodeUpload, unread: bool) -> Delivery {
+pub(super) fn delivery(upload: &NodeUpload, unread: bool, copy: u64) -> Delivery {
     Delivery {
         token: upload.token,
         worker: upload.worker,
@@ -156,6 +163,7 @@ pub(super) fn delivery(upload: &NodeUpload, unread: bool) -> Delivery {
         node: upload.node,
         resolution: [upload.width, upload.height],
         digest: upload.digest,
+        copy,
         unread,
         totals: upload.totals,
     }

@@ -2,7 +2,6 @@
 
 use super::*;
 use photonfarm_test_servers::S3;
-use std::time::{SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 use tokio::io::AsyncReadExt;
 
@@ -48,7 +47,10 @@ async fn read_all(mut reader: BlobReader) -> Vec<u8> {
 async fn blobs_are_there_whole_or_not_at_all() {
     let world = World::new();
     for (name, store) in world.stores().await {
-        let hash = BlobHash::of(b"light");
+        let [hash, another] = [5, 6].map(|copy| BlobName {
+            hash: BlobHash::of(b"light"),
+            copy,
+        });
         assert!(
             matches!(store.read(hash, 5).await, Err(StoreError::NoBlob(_))),
             "{name}"
@@ -68,42 +70,54 @@ async fn blobs_are_there_whole_or_not_at_all() {
             "{name}"
         );
 
-        let mut wrong = store.stage(BlobHash::of(b"dark")).await.unwrap();
+        let mut wrong = store.stage(BlobHash::of(b"dark").into()).await.unwrap();
         wrong.write(b"dork").await.unwrap();
         assert!(
             matches!(wrong.publish().await, Err(StoreError::WrongHash { .. })),
             "{name}"
         );
-        assert_eq!(store.size(BlobHash::of(b"dark")).await.unwrap(), None, "{name}");
-        drop(store.stage(BlobHash::of(b"dark")).await.unwrap());
+        assert_eq!(store.size(BlobHash::of(b"dark").into()).await.unwrap(), None, "{name}");
+        drop(store.stage(BlobHash::of(b"dark").into()).await.unwrap());
 
-        assert_eq!(put(&*store, b"light").await.unwrap(), hash, "{name}");
+        assert_eq!(put(&*store, b"light", 5).await.unwrap(), hash, "{name}");
+        assert_eq!(store.size(another).await.unwrap(), None, "{name}");
+        assert_eq!(put(&*store, b"light", 6).await.unwrap(), another, "{name}");
         let (bytes, reader) = store.open(hash).await.unwrap();
         assert_eq!((bytes, read_all(reader).await), (5, b"light".to_vec()), "{name}");
         store.remove(hash).await.unwrap();
         store.remove(hash).await.unwrap();
         assert_eq!(store.size(hash).await.unwrap(), None, "{name}");
+        assert_eq!(
+            store.read(another, 5).await.unwrap(),
+            b"light",
+            "{name}: a copy of its own"
+        );
     }
 }
 
+/// Ages are those by the store's clock: what the time is on this machine does not matter to them.
 #[tokio::test]
-async fn blobs_are_listed_with_their_time() {
+async fn blobs_are_listed_with_their_age() {
     let world = World::new();
-    let now = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_millis() as Millis;
     for (name, store) in world.stores().await {
-        let before = now();
-        let mut hashes = Vec::new();
-        for blob in [b"a".as_slice(), b"b", b"c"] {
-            hashes.push(put(&*store, blob).await.unwrap());
+        let mut names = Vec::new();
+        for (blob, copy) in [(b"a".as_slice(), 0), (b"b", 1), (b"c", u64::MAX)] {
+            names.push(put(&*store, blob, copy).await.unwrap());
         }
-        hashes.sort_unstable();
+        names.sort_unstable();
         let mut listed = store.list().await.unwrap();
         listed.sort_unstable();
-        assert!(listed.iter().map(|(hash, _)| *hash).eq(hashes), "{name}");
-        // Times are whole seconds in some stores.
-        let recent = |at: &Millis| (before - 1000..=now() + 1000).contains(at);
-        assert!(listed.iter().all(|(_, at)| recent(at)), "{name}: {listed:?}");
+        assert!(listed.iter().map(|(name, _)| *name).eq(names), "{name}");
+        let most = Duration::from_secs(600);
+        assert!(listed.iter().all(|(_, age)| *age < most), "{name}: {listed:?}");
     }
+    let names = ["own", "shared"].map(|folder| world.folder.path().join(folder));
+    crate::service::tests::age(&names[0]);
+    let listed = FolderStore::open(&names[0], false).unwrap().list().await.unwrap();
+    assert!(
+        listed.iter().all(|(_, age)| *age >= Duration::from_secs(7000)),
+        "{listed:?}"
+    );
 }
 
 /// More than one request takes: parts of an object that fails leave nothing that can be seen.
@@ -111,7 +125,10 @@ async fn blobs_are_listed_with_their_time() {
 async fn long_blobs_are_whole_as_well() {
     let world = World::new();
     let bytes: Vec<u8> = (0..20_000_000u32).map(|i| (i / 7) as u8).collect();
-    let hash = BlobHash::of(&bytes);
+    let hash = BlobName {
+        hash: BlobHash::of(&bytes),
+        copy: 1,
+    };
     for (name, store) in world.stores().await {
         let mut staged = store.stage(hash).await.unwrap();
         staged.write(&bytes[..17_000_000]).await.unwrap();
@@ -136,7 +153,7 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
     let world = World::new();
     let store = world.objects().await;
     let http = reqwest::Client::builder().no_proxy().build().unwrap();
-    let hash = put(&store, b"light").await.unwrap();
+    let hash = put(&store, b"light", 0).await.unwrap();
     let url = store.read_url(hash).await.unwrap().unwrap();
     let get = async |url: &str| http.get(url).send().await.unwrap();
     assert_eq!(get(&url).await.bytes().await.unwrap(), b"light".as_slice());
@@ -146,7 +163,10 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
     assert_eq!(get(&forged).await.status(), 403, "the signature is for one object");
     assert_eq!(get(url.split('?').next().unwrap()).await.status(), 403);
 
-    let hash = BlobHash::of(b"image");
+    let hash = BlobName {
+        hash: BlobHash::of(b"image"),
+        copy: 3,
+    };
     assert!(matches!(store.adopt("1", hash, 5).await, Err(StoreError::NoBlob(_))));
     let put_image = async |bytes: &'static [u8]| {
         let url = store.write_url("1").await.unwrap().unwrap();
@@ -160,18 +180,16 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
     store.adopt("1", hash, 5).await.unwrap();
     assert_eq!(store.read(hash, 5).await.unwrap(), b"image");
 
+    let other = BlobName { copy: 4, ..hash };
     put_image(b"imaga").await;
-    store.adopt("1", hash, 5).await.unwrap();
-    assert_eq!(store.read(hash, 5).await.unwrap(), b"image", "what is there stays");
+    store.adopt("1", other, 5).await.unwrap();
+    assert_eq!(store.read(hash, 5).await.unwrap(), b"image", "another copy");
     put_image(b"imaga").await;
-    store.tidy(0).await.unwrap();
-    store.adopt("1", BlobHash::of(b"lie"), 5).await.unwrap();
-    assert!(matches!(
-        store.read(BlobHash::of(b"lie"), 5).await,
-        Err(StoreError::Damaged(_))
-    ));
+    store.tidy(Duration::MAX).await.unwrap();
+    store.adopt("1", other, 5).await.unwrap();
+    assert!(matches!(store.read(other, 5).await, Err(StoreError::Damaged(_))));
     put_image(b"image").await;
-    store.tidy(Millis::MAX).await.unwrap();
+    store.tidy(Duration::ZERO).await.unwrap();
     assert!(matches!(store.adopt("1", hash, 5).await, Err(StoreError::NoBlob(_))));
 }
 
@@ -179,7 +197,7 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
 async fn an_object_store_that_is_away_fails_for_now_and_wrong_keys_for_good() {
     let mut world = World::new();
     let store = world.objects().await;
-    let hash = put(&store, b"light").await.unwrap();
+    let hash = put(&store, b"light", 0).await.unwrap();
     world.s3.stop();
     let error = store.read(hash, 5).await.unwrap_err();
     assert!(error.retryable(), "{error}");
@@ -200,7 +218,7 @@ async fn an_object_store_that_is_away_fails_for_now_and_wrong_keys_for_good() {
 async fn half_written_blobs_are_gone_after_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let store = FolderStore::open(folder.path(), false).unwrap();
-    let mut staged = store.stage(BlobHash::of(b"half")).await.unwrap();
+    let mut staged = store.stage(BlobHash::of(b"half").into()).await.unwrap();
     staged.write(b"half").await.unwrap();
     std::mem::forget(staged);
     let store = FolderStore::open(folder.path(), false).unwrap();
@@ -212,7 +230,7 @@ async fn half_written_blobs_are_gone_after_a_restart() {
 async fn damaged_blobs_are_noticed() {
     let folder = tempfile::tempdir().unwrap();
     let store = FolderStore::open(folder.path(), false).unwrap();
-    let hash = put(&store, b"light").await.unwrap();
+    let hash = put(&store, b"light", 0).await.unwrap();
     let digits = hash.to_string();
     std::fs::write(folder.path().join(&digits[..2]).join(&digits[2..]), b"lighs").unwrap();
     assert!(matches!(store.read(hash, 5).await, Err(StoreError::Damaged(_))));

@@ -1,12 +1,17 @@
-//! Blobs as files: `<first two digits>/<other digits>` of the hash, written aside, synced, then renamed.
+//! Blobs as files: `<first two digits>/<other digits>` of the name, written aside, synced, then renamed.
 
+<<<<<<< HEAD
 use super::{BlobReader, BlobStore, StagedBlob, StoreError, check_folder, not_writable};
 use crate::scheduler::record::Millis;
+=======
+use super::{BlobReader, BlobStore, StagedBlob, StoreError};
+use crate::scheduler::record::BlobName;
+>>>>>>> 3e90596 (Name every copy of an image anew, and sweep old ones only: nothing that counts is ever removed)
 use async_trait::async_trait;
 use photonfarm_proto::id::BlobHash;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime};
 use tokio::fs::{self, File};
 use tokio::io::AsyncWriteExt;
 
@@ -31,14 +36,19 @@ impl FolderStore {
     /// only what is a day old.
     pub fn open(root: &Path, shared: bool) -> Result<Self, StoreError> {
         let staging = root.join(STAGING);
+<<<<<<< HEAD
         std::fs::create_dir_all(&staging).map_err(|error| not_writable(&staging, &error))?;
         check_folder(root)?;
         check_folder(&staging)?;
+=======
+        std::fs::create_dir_all(&staging).map_err(io(&staging))?;
+        let now = shared.then(|| clock(&staging)).transpose()?;
+>>>>>>> 3e90596 (Name every copy of an image anew, and sweep old ones only: nothing that counts is ever removed)
         for file in std::fs::read_dir(&staging).map_err(io(&staging))? {
             let file = file.map_err(io(&staging))?;
-            let age = file.metadata().and_then(|metadata| metadata.modified());
-            let age = age.ok().and_then(|time| SystemTime::now().duration_since(time).ok());
-            if !shared || age.is_some_and(|age| age > ABANDONED) {
+            let modified = file.metadata().and_then(|metadata| metadata.modified());
+            let old = |now| modified.is_ok_and(|modified| age(now, modified) > ABANDONED);
+            if now.is_none_or(old) {
                 let path = file.path();
                 std::fs::remove_file(&path)
                     .or_else(|error| match error.kind() {
@@ -52,18 +62,21 @@ impl FolderStore {
         Ok(Self { root: root.to_owned() })
     }
 
-    fn path(&self, hash: BlobHash) -> PathBuf {
-        let digits = hash.to_string();
+    fn path(&self, name: BlobName) -> PathBuf {
+        let digits = name.to_string();
         self.root.join(&digits[..2]).join(&digits[2..])
     }
 }
 
-fn modified_ms(metadata: &std::fs::Metadata) -> Millis {
-    let since_1970 = metadata
-        .modified()
-        .ok()
-        .and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-    since_1970.unwrap_or_default().as_millis() as Millis
+/// The time by the clock that the files of a folder get theirs from, which may be that of another machine.
+fn clock(folder: &Path) -> Result<SystemTime, StoreError> {
+    let probe = tempfile::tempfile_in(folder).and_then(|probe| probe.metadata()?.modified());
+    probe.map_err(io(folder))
+}
+
+/// How old a file is; one from the future is new.
+fn age(now: SystemTime, modified: SystemTime) -> Duration {
+    now.duration_since(modified).unwrap_or_default()
 }
 
 /// Makes renames within a folder durable.
@@ -83,7 +96,7 @@ async fn in_background<T: Send + 'static>(
 
 #[async_trait]
 impl BlobStore for FolderStore {
-    async fn stage(&self, hash: BlobHash) -> Result<Box<dyn StagedBlob>, StoreError> {
+    async fn stage(&self, name: BlobName) -> Result<Box<dyn StagedBlob>, StoreError> {
         let staging = self.root.join(STAGING);
         let (file, path) = in_background(move || {
             let file = tempfile::NamedTempFile::new_in(&staging).map_err(io(&staging))?;
@@ -95,13 +108,13 @@ impl BlobStore for FolderStore {
             store: self.clone(),
             file,
             guard,
-            expected: hash,
+            name,
             hasher: blake3::Hasher::new(),
         }))
     }
 
-    async fn read(&self, hash: BlobHash, most: u64) -> Result<Vec<u8>, StoreError> {
-        let path = self.path(hash);
+    async fn read(&self, name: BlobName, most: u64) -> Result<Vec<u8>, StoreError> {
+        let (path, hash) = (self.path(name), name.hash);
         in_background(move || {
             let file = std::fs::File::open(&path).map_err(|error| missing_or(hash, &path, error))?;
             let length = file.metadata().map_err(io(&path))?.len();
@@ -120,17 +133,17 @@ impl BlobStore for FolderStore {
         .await
     }
 
-    async fn open(&self, hash: BlobHash) -> Result<(u64, BlobReader), StoreError> {
-        let path = self.path(hash);
+    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
+        let path = self.path(name);
         let file = File::open(&path)
             .await
-            .map_err(|error| missing_or(hash, &path, error))?;
+            .map_err(|error| missing_or(name.hash, &path, error))?;
         let bytes = file.metadata().await.map_err(io(&path))?.len();
         Ok((bytes, Box::new(file)))
     }
 
-    async fn size(&self, hash: BlobHash) -> Result<Option<u64>, StoreError> {
-        let path = self.path(hash);
+    async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError> {
+        let path = self.path(name);
         match fs::metadata(&path).await {
             Ok(metadata) => Ok(Some(metadata.len())),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
@@ -138,18 +151,19 @@ impl BlobStore for FolderStore {
         }
     }
 
-    async fn remove(&self, hash: BlobHash) -> Result<(), StoreError> {
-        let path = self.path(hash);
+    async fn remove(&self, name: BlobName) -> Result<(), StoreError> {
+        let path = self.path(name);
         match fs::remove_file(&path).await {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(io(&path)(error)),
             _ => Ok(()),
         }
     }
 
-    async fn list(&self) -> Result<Vec<(BlobHash, Millis)>, StoreError> {
+    async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError> {
         let root = self.root.clone();
         in_background(move || {
-            let mut hashes = Vec::new();
+            let now = clock(&root.join(STAGING))?;
+            let mut names = Vec::new();
             for folder in std::fs::read_dir(&root).map_err(io(&root))? {
                 let folder = folder.map_err(io(&root))?;
                 let start = folder.file_name();
@@ -159,12 +173,13 @@ impl BlobStore for FolderStore {
                 for file in std::fs::read_dir(folder.path()).map_err(io(&folder.path()))? {
                     let file = file.map_err(io(&folder.path()))?;
                     let digits = format!("{}{}", start.to_string_lossy(), file.file_name().to_string_lossy());
-                    if let (Ok(hash), Ok(metadata)) = (digits.parse::<BlobHash>(), file.metadata()) {
-                        hashes.push((hash, modified_ms(&metadata)));
+                    if let (Ok(name), Ok(modified)) = (digits.parse(), file.metadata().and_then(|file| file.modified()))
+                    {
+                        names.push((name, age(now, modified)));
                     }
                 }
             }
-            Ok(hashes)
+            Ok(names)
         })
         .await
     }
@@ -190,7 +205,7 @@ struct StagedFile {
     store: FolderStore,
     file: File,
     guard: StagedPath,
-    expected: BlobHash,
+    name: BlobName,
     hasher: blake3::Hasher,
 }
 
@@ -211,15 +226,16 @@ impl StagedBlob for StagedFile {
             store,
             mut file,
             guard,
-            expected,
+            name,
             ..
         } = *self;
-        if found != expected {
+        if found != name.hash {
+            let expected = name.hash;
             return Err(StoreError::WrongHash { expected, found });
         }
         file.flush().await.map_err(io(&guard.0))?;
         file.sync_all().await.map_err(io(&guard.0))?;
-        let path = store.path(expected);
+        let path = store.path(name);
         in_background(move || {
             let folder = path.parent().unwrap_or(&store.root);
             if !folder.is_dir() {

@@ -2,7 +2,7 @@
 
 use super::{Commit, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, Counters, JobControl, JobHead, JobRecord, Snapshot, WorkerRecord};
+use crate::scheduler::record::{BlobName, Change, Counters, JobControl, JobHead, JobRecord, Snapshot, WorkerRecord};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -263,12 +263,12 @@ impl StateStore for MemoryStore {
         Ok(sizes.filter(|file| file.hash == blob).map(|file| file.bytes).max())
     }
 
-    async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError> {
+    async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
         let rows = self.rows();
         let nodes = rows.jobs.values().flat_map(|job| &job.nodes);
         Ok(nodes
             .filter(|(_, node)| node.live)
-            .map(|(_, node)| node.digest)
+            .map(|(_, node)| node.image())
             .collect())
     }
 }

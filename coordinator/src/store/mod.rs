@@ -5,6 +5,8 @@
 
 #[cfg(test)]
 mod blob_tests;
+#[cfg(test)]
+pub(crate) mod faulty;
 mod folder;
 #[cfg(test)]
 pub(crate) mod memory;
@@ -28,15 +30,20 @@ pub use postgres::PostgresStore;
 pub use sqlite::SqliteStore;
 
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, JobRecord, Millis, Snapshot};
+use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
 use photonfarm_proto::worker::LeaseProgress;
 use serde::{Deserialize, Serialize};
+<<<<<<< HEAD
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+=======
+use std::path::PathBuf;
+use std::time::Duration;
+>>>>>>> 3e90596 (Name every copy of an image anew, and sweep old ones only: nothing that counts is ever removed)
 use thiserror::Error;
 
 /// Why a store failed.
@@ -95,6 +102,9 @@ pub enum StoreError {
     /// The object store failed.
     #[error("the object store failed: {0}")]
     Object(#[from] object_store::Error),
+    /// The system gives no random numbers.
+    #[error("no random numbers: {0}")]
+    Random(#[from] getrandom::Error),
     /// The store's task did not end.
     #[error("the store was stopped")]
     Stopped,
@@ -111,6 +121,7 @@ impl StoreError {
                 | Self::Connection(_)
                 | Self::Object(_)
                 | Self::Io { .. }
+                | Self::Random(_)
                 | Self::Stopped
         )
     }
@@ -222,8 +233,8 @@ pub trait StateStore: Send + Sync {
     async fn remove_token(&self, name: String) -> Result<bool, StoreError>;
     /// Lets go of the store, so that somebody else can open it; every later call fails.
     async fn close(&self);
-    /// Digests of all nodes that count, of all jobs.
-    async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError>;
+    /// Names of the images of all nodes that count, of all jobs.
+    async fn live_images(&self) -> Result<Vec<BlobName>, StoreError>;
 
     /// Whether several coordinators may use the store at once.
     fn is_shared(&self) -> bool {
@@ -258,27 +269,28 @@ pub trait StateStore: Send + Sync {
     }
 }
 
-/// Bytes, named by their hash.
+/// Bytes, named by their hash and the number of a copy.
 ///
 /// # Contract
 /// * A blob is there whole or not at all, and what was published survives a crash of the machine.
-/// * Publishing what is there already succeeds, and changes nothing but its time.
+/// * Publishing what is there already succeeds, and changes nothing but its age.
 /// * [`read`](Self::read) returns bytes of the hash asked for, or an error: [`StoreError::NoBlob`] or
 ///   [`StoreError::Damaged`] where the same call will not succeed later.
 #[async_trait]
 pub trait BlobStore: Send + Sync {
-    /// Begins the blob of this hash. Dropping it leaves nothing behind that anyone could read.
-    async fn stage(&self, hash: BlobHash) -> Result<Box<dyn StagedBlob>, StoreError>;
+    /// Begins the blob of this name. Dropping it leaves nothing behind that anyone could read.
+    async fn stage(&self, name: BlobName) -> Result<Box<dyn StagedBlob>, StoreError>;
     /// All bytes, verified. A blob of more than `most` bytes is damaged.
-    async fn read(&self, hash: BlobHash, most: u64) -> Result<Vec<u8>, StoreError>;
+    async fn read(&self, name: BlobName, most: u64) -> Result<Vec<u8>, StoreError>;
     /// The bytes as a stream with its length, not verified: the receiver does that.
-    async fn open(&self, hash: BlobHash) -> Result<(u64, BlobReader), StoreError>;
+    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError>;
     /// The size of the blob, if it is there.
-    async fn size(&self, hash: BlobHash) -> Result<Option<u64>, StoreError>;
+    async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError>;
     /// Removes the blob, if it is there.
-    async fn remove(&self, hash: BlobHash) -> Result<(), StoreError>;
-    /// Names of all blobs, with the time since 1970 when each was last published, by the store's clock [ms].
-    async fn list(&self) -> Result<Vec<(BlobHash, Millis)>, StoreError>;
+    async fn remove(&self, name: BlobName) -> Result<(), StoreError>;
+    /// Names of all blobs, and how long ago each was last published. Both ends of that time are read from the clock of
+    /// the store itself, so that it is right whatever the time is on this machine.
+    async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError>;
 
     /// Whether there are URLs by which others may read and write for a short time.
     fn signs(&self) -> bool {
@@ -286,24 +298,24 @@ pub trait BlobStore: Send + Sync {
     }
 
     /// A URL for an HTTP GET of the blob, where the store [`signs`](Self::signs).
-    async fn read_url(&self, _hash: BlobHash) -> Result<Option<String>, StoreError> {
+    async fn read_url(&self, _name: BlobName) -> Result<Option<String>, StoreError> {
         Ok(None)
     }
 
-    /// A URL for an HTTP PUT of bytes that are no blob until they are [`adopt`](Self::adopt)ed by this name, where the
-    /// store [`signs`](Self::signs).
-    async fn write_url(&self, _name: &str) -> Result<Option<String>, StoreError> {
+    /// A URL for an HTTP PUT of bytes that are no blob until they are [`adopt`](Self::adopt)ed from this place, where
+    /// the store [`signs`](Self::signs).
+    async fn write_url(&self, _place: &str) -> Result<Option<String>, StoreError> {
         Ok(None)
     }
 
     /// Makes a blob of what was put to [`write_url`](Self::write_url). Its size is checked, its hash is not: readers
     /// do that. [`StoreError::NoBlob`] if nothing was put, [`StoreError::Damaged`] if it has another size.
-    async fn adopt(&self, _name: &str, hash: BlobHash, _bytes: u64) -> Result<(), StoreError> {
-        Err(StoreError::NoBlob(hash))
+    async fn adopt(&self, _place: &str, name: BlobName, _bytes: u64) -> Result<(), StoreError> {
+        Err(StoreError::NoBlob(name.hash))
     }
 
-    /// Removes what was put before `before` and never adopted.
-    async fn tidy(&self, _before: Millis) -> Result<(), StoreError> {
+    /// Removes what was put so long ago and never adopted.
+    async fn tidy(&self, _age: Duration) -> Result<(), StoreError> {
         Ok(())
     }
 }
@@ -322,11 +334,17 @@ pub trait StagedBlob: Send {
     async fn publish(self: Box<Self>) -> Result<(), StoreError>;
 }
 
-/// Stages and publishes bytes at hand, even if they are there: a blob that was published lately is no garbage.
-pub async fn put(store: &dyn BlobStore, bytes: &[u8]) -> Result<BlobHash, StoreError> {
+/// The number of a copy that nobody else has: 64 random bits.
+pub fn new_copy() -> Result<u64, StoreError> {
+    Ok(getrandom::u64()?)
+}
+
+/// Stages and publishes bytes at hand, as the given copy of them.
+pub async fn put(store: &dyn BlobStore, bytes: &[u8], copy: u64) -> Result<BlobName, StoreError> {
     let hash = BlobHash::of(bytes);
-    let mut staged = store.stage(hash).await?;
+    let name = BlobName { hash, copy };
+    let mut staged = store.stage(name).await?;
     staged.write(bytes).await?;
     staged.publish().await?;
-    Ok(hash)
+    Ok(name)
 }

@@ -1,11 +1,11 @@
-//! Blobs as objects of an S3-compatible store: `PREFIX/<first two digits>/<other digits>` of the hash.
+//! Blobs as objects of an S3-compatible store: `PREFIX/<first two digits>/<other digits>` of the name.
 //!
 //! A worker that stores an image itself gets a signed URL to an object of its own below `PREFIX/incoming/`; only once
-//! it says that it is done does the store copy the bytes to the place of their hash. So a URL never allows anybody to
+//! it says that it is done does the store copy the bytes to the place of their name. So a URL never allows anybody to
 //! write what counts.
 
 use super::{BlobReader, BlobStore, StagedBlob, StoreError};
-use crate::scheduler::record::Millis;
+use crate::scheduler::record::BlobName;
 use async_trait::async_trait;
 use axum::http::Method;
 use futures_util::future::BoxFuture;
@@ -18,7 +18,7 @@ use object_store::{
 };
 use photonfarm_proto::id::BlobHash;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tokio_util::io::StreamReader;
 
 /// Bytes of an object sent in one request; longer objects are sent in parts of this size.
@@ -116,13 +116,13 @@ impl ObjectBlobs {
         }
     }
 
-    fn path(&self, hash: BlobHash) -> Path {
-        let digits = hash.to_string();
+    fn path(&self, name: BlobName) -> Path {
+        let digits = name.to_string();
         self.prefix.clone().join(&digits[..2]).join(&digits[2..])
     }
 
-    fn incoming(&self, name: &str) -> Path {
-        self.prefix.clone().join(INCOMING).join(PathPart::from(name))
+    fn incoming(&self, place: &str) -> Path {
+        self.prefix.clone().join(INCOMING).join(PathPart::from(place))
     }
 
     fn objects(&self, prefix: Path) -> impl futures_util::Stream<Item = Result<ObjectMeta, Error>> + Unpin {
@@ -137,6 +137,18 @@ impl ObjectBlobs {
         }
     }
 
+    /// The time by the store's clock, as an object gets it that is made now.
+    async fn clock(&self) -> Result<SystemTime, StoreError> {
+        let probe = format!("clock-{:016x}", super::new_copy()?);
+        let path = self.prefix.clone().join(probe);
+        self.store
+            .put(&path, PutPayload::from_static(b"what time is it?"))
+            .await?;
+        let meta = self.store.head(&path).await?;
+        self.delete(&path).await?;
+        Ok(meta.last_modified.into())
+    }
+
     async fn delete(&self, path: &Path) -> Result<(), StoreError> {
         match self.store.delete(path).await {
             Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
@@ -144,8 +156,8 @@ impl ObjectBlobs {
         }
     }
 
-    /// The hash that an object's name gives, if it is a blob of this store.
-    fn hash_of(&self, path: &Path) -> Option<BlobHash> {
+    /// The name of the blob that an object is, if it is one of this store.
+    fn name_of(&self, path: &Path) -> Option<BlobName> {
         let mut parts = path.prefix_match(&self.prefix)?;
         let (start, end) = (parts.next()?, parts.next()?);
         let digits = format!("{}{}", start.as_ref(), end.as_ref());
@@ -153,8 +165,9 @@ impl ObjectBlobs {
     }
 }
 
-fn modified_ms(meta: &ObjectMeta) -> Millis {
-    meta.last_modified.timestamp_millis().try_into().unwrap_or_default()
+/// How old an object is when the store's clock says `now`; one from the future is new.
+fn age(now: SystemTime, meta: &ObjectMeta) -> Duration {
+    now.duration_since(meta.last_modified.into()).unwrap_or_default()
 }
 
 fn missing_or(hash: BlobHash, error: Error) -> StoreError {
@@ -166,19 +179,19 @@ fn missing_or(hash: BlobHash, error: Error) -> StoreError {
 
 #[async_trait]
 impl BlobStore for ObjectBlobs {
-    async fn stage(&self, hash: BlobHash) -> Result<Box<dyn StagedBlob>, StoreError> {
+    async fn stage(&self, name: BlobName) -> Result<Box<dyn StagedBlob>, StoreError> {
         Ok(Box::new(StagedObject {
             store: self.store.clone(),
-            path: self.path(hash),
-            expected: hash,
+            path: self.path(name),
+            expected: name.hash,
             hasher: blake3::Hasher::new(),
             buffer: Vec::new(),
             upload: None,
         }))
     }
 
-    async fn read(&self, hash: BlobHash, most: u64) -> Result<Vec<u8>, StoreError> {
-        let path = self.path(hash);
+    async fn read(&self, name: BlobName, most: u64) -> Result<Vec<u8>, StoreError> {
+        let (path, hash) = (self.path(name), name.hash);
         let found = self.store.get(&path).await.map_err(|error| missing_or(hash, error))?;
         let size = found.meta.size;
         if size > most {
@@ -194,9 +207,9 @@ impl BlobStore for ObjectBlobs {
         Ok(bytes.into())
     }
 
-    async fn open(&self, hash: BlobHash) -> Result<(u64, BlobReader), StoreError> {
-        let found = self.store.get(&self.path(hash)).await;
-        let found = found.map_err(|error| missing_or(hash, error))?;
+    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
+        let found = self.store.get(&self.path(name)).await;
+        let found = found.map_err(|error| missing_or(name.hash, error))?;
         let size = found.meta.size;
         Ok((
             size,
@@ -204,19 +217,20 @@ impl BlobStore for ObjectBlobs {
         ))
     }
 
-    async fn size(&self, hash: BlobHash) -> Result<Option<u64>, StoreError> {
-        Ok(self.head(&self.path(hash)).await?.map(|meta| meta.size))
+    async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError> {
+        Ok(self.head(&self.path(name)).await?.map(|meta| meta.size))
     }
 
-    async fn remove(&self, hash: BlobHash) -> Result<(), StoreError> {
-        self.delete(&self.path(hash)).await
+    async fn remove(&self, name: BlobName) -> Result<(), StoreError> {
+        self.delete(&self.path(name)).await
     }
 
-    async fn list(&self) -> Result<Vec<(BlobHash, Millis)>, StoreError> {
+    async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError> {
+        let now = self.clock().await?;
         let mut objects = self.objects(self.prefix.clone());
         let mut found = Vec::new();
         while let Some(meta) = objects.try_next().await? {
-            found.extend(self.hash_of(&meta.location).map(|hash| (hash, modified_ms(&meta))));
+            found.extend(self.name_of(&meta.location).map(|name| (name, age(now, &meta))));
         }
         Ok(found)
     }
@@ -225,20 +239,23 @@ impl BlobStore for ObjectBlobs {
         true
     }
 
-    async fn read_url(&self, hash: BlobHash) -> Result<Option<String>, StoreError> {
-        let url = self.store.signed_url(Method::GET, &self.path(hash), SIGNED).await?;
+    async fn read_url(&self, name: BlobName) -> Result<Option<String>, StoreError> {
+        let url = self.store.signed_url(Method::GET, &self.path(name), SIGNED).await?;
         Ok(Some(url.into()))
     }
 
-    async fn write_url(&self, name: &str) -> Result<Option<String>, StoreError> {
-        let url = self.store.signed_url(Method::PUT, &self.incoming(name), SIGNED).await?;
+    async fn write_url(&self, place: &str) -> Result<Option<String>, StoreError> {
+        let url = self
+            .store
+            .signed_url(Method::PUT, &self.incoming(place), SIGNED)
+            .await?;
         Ok(Some(url.into()))
     }
 
-    async fn adopt(&self, name: &str, hash: BlobHash, bytes: u64) -> Result<(), StoreError> {
-        let (from, to) = (self.incoming(name), self.path(hash));
+    async fn adopt(&self, place: &str, name: BlobName, bytes: u64) -> Result<(), StoreError> {
+        let (from, to) = (self.incoming(place), self.path(name));
         match self.head(&from).await? {
-            None => return Err(StoreError::NoBlob(hash)),
+            None => return Err(StoreError::NoBlob(name.hash)),
             Some(meta) if meta.size != bytes => {
                 self.delete(&from).await?;
                 let detail = format!("{from} has {} bytes, not {bytes}", meta.size);
@@ -246,16 +263,15 @@ impl BlobStore for ObjectBlobs {
             }
             Some(_) => {}
         }
-        if self.head(&to).await?.is_none() {
-            self.store.copy(&from, &to).await?;
-        }
+        self.store.copy(&from, &to).await?;
         self.delete(&from).await
     }
 
-    async fn tidy(&self, before: Millis) -> Result<(), StoreError> {
+    async fn tidy(&self, least: Duration) -> Result<(), StoreError> {
+        let now = self.clock().await?;
         let mut objects = self.objects(self.prefix.clone().join(INCOMING));
         while let Some(meta) = objects.try_next().await? {
-            if modified_ms(&meta) < before {
+            if age(now, &meta) >= least {
                 self.delete(&meta.location).await?;
             }
         }

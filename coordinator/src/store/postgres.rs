@@ -9,7 +9,7 @@ use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
 use super::{Beat, Commit, News, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, JobRecord, Millis, Snapshot};
+use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use bytes::BytesMut;
 use deadpool_postgres::{GenericClient, Manager, ManagerConfig, Object, Pool, RecyclingMethod, Runtime};
@@ -478,7 +478,7 @@ impl StateStore for PostgresStore {
             .await
     }
 
-    async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError> {
-        self.ask(|queries| Box::pin(sql::live_digests(queries))).await
+    async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
+        self.ask(|queries| Box::pin(sql::live_images(queries))).await
     }
 }

@@ -3,7 +3,7 @@
 use super::{Sequence, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{
-    Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord,
+    BlobName, Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord,
 };
 use async_trait::async_trait;
 use photonfarm_proto::bundle::BundleManifest;
@@ -131,16 +131,6 @@ impl Row {
 
     pub(super) fn json<T: DeserializeOwned>(&mut self) -> Result<T, StoreError> {
         from_json(&self.text()?)
-    }
-
-    fn hash(&mut self) -> Result<BlobHash, StoreError> {
-        match self.next() {
-            Value::Bytes(bytes) => bytes
-                .try_into()
-                .map(BlobHash)
-                .map_err(|_| StoreError::Damaged("a hash has 32 bytes".into())),
-            other => Err(unexpected("a hash", &other)),
-        }
     }
 }
 
@@ -300,10 +290,11 @@ pub(super) async fn bundled_size(queries: &mut dyn Queries, blob: BlobHash) -> R
     one(ask(queries, sql, [hash(blob)]).await?)?.optional_integer()
 }
 
-/// Digests of all nodes that count, of all jobs.
-pub(super) async fn live_digests(queries: &mut dyn Queries) -> Result<Vec<BlobHash>, StoreError> {
-    let found = ask(queries, "SELECT digest FROM node WHERE live = 1", []).await?;
-    found.into_iter().map(|mut row| row.hash()).collect()
+/// Names of the images of all nodes that count, of all jobs.
+pub(super) async fn live_images(queries: &mut dyn Queries) -> Result<Vec<BlobName>, StoreError> {
+    let found = ask(queries, "SELECT record FROM node WHERE live = 1", []).await?;
+    let image = |mut row: Row| Ok(row.json::<NodeRecord>()?.image());
+    found.into_iter().map(image).collect()
 }
 
 /// The farm's place in the order of commits.

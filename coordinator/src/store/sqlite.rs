@@ -4,7 +4,7 @@ use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
 use super::{Commit, Sequence, StateStore, StoreError, check_file};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{Change, JobRecord, Snapshot};
+use crate::scheduler::record::{BlobName, Change, JobRecord, Snapshot};
 use async_trait::async_trait;
 use futures_util::FutureExt;
 use photonfarm_proto::bundle::BundleManifest;
@@ -353,7 +353,7 @@ impl StateStore for SqliteStore {
             .await
     }
 
-    async fn live_digests(&self) -> Result<Vec<BlobHash>, StoreError> {
-        self.ask(|queries| Box::pin(sql::live_digests(queries))).await
+    async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
+        self.ask(|queries| Box::pin(sql::live_images(queries))).await
     }
 }

@@ -67,6 +67,7 @@ fn added(node: NodeKey) -> Change {
             worker: Some(WorkerId(1)),
             totals: Some(totals),
             unread: true,
+            copy: u64::MAX,
             ..NodeRecord::new(digest)
         },
         resolution: [3, 2],
@@ -327,9 +328,9 @@ async fn keeps_what_it_commits(kept: Kept<'_>) {
         for id in 1..=4 {
             assert_eq!(store.job(JobId(id)).await.unwrap(), model.job(JobId(id)).await.unwrap());
         }
-        let mut digests = [store.live_digests().await.unwrap(), model.live_digests().await.unwrap()];
-        digests.iter_mut().for_each(|digests| digests.sort_unstable());
-        assert_eq!(digests[0], digests[1]);
+        let mut images = [store.live_images().await.unwrap(), model.live_images().await.unwrap()];
+        images.iter_mut().for_each(|images| images.sort_unstable());
+        assert_eq!(images[0], images[1]);
         store.close().await;
     }
     let store = kept.open().await;

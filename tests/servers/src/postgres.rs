@@ -123,7 +123,7 @@ impl Postgres {
         fs::write(&rules, open.replace("\nhost ", "\nhostssl ")).expect("the rules can be written");
         let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
         let port = free.expect("a free port").port();
-        self.start_with(&[], &format!("-c ssl=on -c listen_addresses=127.0.0.1 -c port={port}"));
+        self.start_with(&format!("-c ssl=on -c listen_addresses=127.0.0.1 -c port={port}"));
         port
     }
 
@@ -132,23 +132,15 @@ impl Postgres {
     /// # Panics
     /// Where it does not start.
     pub fn resume(&self) {
-        self.resume_with(&[]);
+        self.start_with("-c listen_addresses=");
     }
 
-    /// Starts the cluster where it was stopped, with variables such as those that make its clock wrong.
-    ///
-    /// # Panics
-    /// Where it does not start.
-    pub fn resume_with(&self, environment: &[(String, String)]) {
-        self.start_with(environment, "-c listen_addresses=");
-    }
-
-    fn start_with(&self, environment: &[(String, String)], more: &str) {
+    fn start_with(&self, more: &str) {
         let folder = self.folder.to_str().expect("a UTF-8 path");
         let options = format!("-k {folder} -c fsync=off -c max_connections=200 {more}");
         let (data, log) = (self.data(), format!("{folder}/log"));
         let start = ["-D", &data, "-w", "-l", &log, "-o", &options, "start"];
-        self.run_with(environment, "pg_ctl", &start);
+        self.run("pg_ctl", &start);
     }
 
     fn data(&self) -> String {
@@ -156,11 +148,7 @@ impl Postgres {
     }
 
     fn run(&self, program: &str, arguments: &[&str]) {
-        self.run_with(&[], program, arguments);
-    }
-
-    fn run_with(&self, environment: &[(String, String)], program: &str, arguments: &[&str]) {
-        let mut command = command(&self.programs.join(program), self.owner, environment);
+        let mut command = command(&self.programs.join(program), self.owner);
         // A server that goes on must not keep a pipe of this process open.
         let log = fs::File::create(self.folder.join("last")).expect("a file for the output");
         let errors = log.try_clone().expect("the file once more");
@@ -212,27 +200,22 @@ fn unprivileged() -> (u32, u32) {
         .expect("a user `postgres` or `nobody`")
 }
 
-/// The variables are those of the program alone, not of the one that gives up the rights of root.
-fn command(program: &Path, owner: Option<(u32, u32)>, environment: &[(String, String)]) -> Command {
-    let variables = environment.iter().map(|(name, value)| format!("{name}={value}"));
+fn command(program: &Path, owner: Option<(u32, u32)>) -> Command {
     let Some((user, group)) = owner else {
-        let mut command = Command::new("env");
-        command.args(variables).arg(program);
-        return command;
+        return Command::new(program);
     };
     let mut command = Command::new("setpriv");
     command.args([
         format!("--reuid={user}"),
         format!("--regid={group}"),
         "--clear-groups".into(),
-        "env".into(),
     ]);
-    command.args(variables).arg(program);
+    command.arg(program);
     command
 }
 
 fn reaper(programs: &Path, folder: &Path, owner: Option<(u32, u32)>) -> Child {
-    let stop = command(&programs.join("pg_ctl"), owner, &[]);
+    let stop = command(&programs.join("pg_ctl"), owner);
     let script = "folder=$1; shift; cat; cd \"$folder\" && \"$@\"; cd / && rm -rf \"$folder\"";
     let mut command = Command::new("sh");
     command.args(["-c", script, "reaper"]).arg(folder);

@@ -1,11 +1,14 @@
 //! The stores of a farm that has ended: every image that counts is there and whole, and nothing else is.
 
+use photonfarm_coordinator::scheduler::record::BlobName;
 use photonfarm_coordinator::store::{BlobPlace, BlobStore, ObjectBlobs, StatePlace, StateStore};
-use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::id::JobId;
 use photonfarm_test_servers::{Postgres, S3};
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
 /// Where a farm keeps its state and its bytes.
 #[derive(Clone, Debug)]
@@ -16,6 +19,8 @@ pub struct Stores {
     pub blobs: String,
     /// Variables by which programs reach them.
     pub environment: Vec<(String, String)>,
+    /// Where the images of nodes lie as files, in the end.
+    images: PathBuf,
 }
 
 impl Stores {
@@ -30,6 +35,7 @@ impl Stores {
             state: format!("sqlite:{folder}/farm.sqlite"),
             blobs: format!("file:{folder}"),
             environment: Vec::new(),
+            images: Path::new(folder).join("nodes"),
         }
     }
 
@@ -40,7 +46,16 @@ impl Stores {
             state: postgres.database(),
             blobs: s3.url("farm"),
             environment: s3.environment().map(|(name, value)| (name.to_owned(), value)).into(),
+            images: s3.file("farm/nodes"),
         }
+    }
+
+    /// Two hours pass for the images: those that nobody counted are old enough then for a coordinator to remove them.
+    ///
+    /// # Panics
+    /// Where the time of a file cannot be set.
+    pub fn age(&self) {
+        age(&self.images, SystemTime::now() - Duration::from_secs(7200));
     }
 
     /// Nobody uses the stores now. Every image that counts is whole and belongs to a known job, and there is nothing
@@ -52,7 +67,7 @@ impl Stores {
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.block_on(async {
             let (state, nodes) = self.open().await;
-            let live: BTreeSet<BlobHash> = state.live_digests().await.expect("the state").into_iter().collect();
+            let live: BTreeSet<BlobName> = state.live_images().await.expect("the state").into_iter().collect();
             let mut named = BTreeSet::new();
             for id in jobs {
                 let job = state
@@ -62,20 +77,20 @@ impl Stores {
                     .expect("a job that was submitted");
                 assert_eq!(job.leases.len(), 0, "leases of job {id} are left");
                 let counts = job.nodes.iter().filter(|(_, node)| node.live);
-                named.extend(counts.map(|(_, node)| node.digest));
+                named.extend(counts.map(|(_, node)| node.image()));
             }
             assert_eq!(live, named, "nodes of jobs that nobody sent");
-            let there: BTreeSet<BlobHash> = nodes
+            let there: BTreeSet<BlobName> = nodes
                 .list()
                 .await
                 .expect("a list")
                 .into_iter()
-                .map(|(hash, _)| hash)
+                .map(|(name, _)| name)
                 .collect();
             let orphans: Vec<_> = there.difference(&live).collect();
             assert!(orphans.is_empty(), "images that nobody counts are left: {orphans:?}");
-            for hash in live {
-                let read = nodes.read(hash, u64::MAX).await;
+            for name in live {
+                let read = nodes.read(name, u64::MAX).await;
                 assert!(read.is_ok(), "an image that counts cannot be read: {:?}", read.err());
             }
             state.close().await;
@@ -105,5 +120,17 @@ impl Stores {
             }
         };
         (state, nodes)
+    }
+}
+
+fn age(folder: &Path, to: SystemTime) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            age(&path, to);
+        } else {
+            let file = File::options().append(true).open(&path).expect("a file of the store");
+            file.set_modified(to).expect("the time of a file can be set");
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! Programs that see a wrong wall clock, by libfaketime.
 
 use crate::processes::Launch;
-use photonfarm_test_servers::Postgres;
 use tempfile::NamedTempFile;
 
 /// Starts a program whose wall clock is wrong by so much, such as `+6h` or `-6h`. Its other clocks are right, as they
@@ -48,16 +47,6 @@ impl Clock {
         launch.environment.push(("FAKETIME_NO_CACHE".into(), "1".into()));
         launch
     }
-}
-
-/// Starts a database again whose clock is two hours ahead: bytes that nobody counted in time are old enough then for a
-/// coordinator to remove them.
-///
-/// # Panics
-/// Where the database does not start.
-pub fn hours_later(postgres: &Postgres) {
-    postgres.stop();
-    postgres.resume_with(&wrong_clock("+2h").environment);
 }
 
 fn faked(variable: &str, value: &str) -> Launch {

@@ -13,7 +13,7 @@ mod random;
 pub use balance::balance;
 pub use books::Stores;
 pub use client::Client;
-pub use clock::{Clock, hours_later, wrong_clock};
+pub use clock::{Clock, wrong_clock};
 pub use disk::Disk;
 pub use job::{Job, Reference};
 pub use member::{Server, Worker};
@@ -136,8 +136,8 @@ impl Farm {
         self.settle_after(|_| {})
     }
 
-    /// As [`settle`](Self::settle); `later` happens before the first coordinator starts once more and removes what is
-    /// left.
+    /// As [`settle`](Self::settle); `later` happens before the first coordinator starts once more, hours later as it
+    /// seems, and removes what is left.
     ///
     /// # Panics
     /// Where the books do not balance.
@@ -151,6 +151,7 @@ impl Farm {
         self.servers.iter_mut().for_each(Server::stop);
         let again = &mut self.servers[0];
         later(again);
+        self.stores.age();
         again.resume();
         let client = Client::new(again.url()).with_token(self.client.token());
         self.jobs

@@ -1,7 +1,7 @@
 //! PostgreSQL and the object store go away during a job, and come back.
 
 use photonfarm_test_servers::{Postgres, S3};
-use photonfarm_tests::farm::{Farm, Job, Reference, Server, Stores, hours_later};
+use photonfarm_tests::farm::{Farm, Job, Reference, Server, Stores};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -37,7 +37,7 @@ fn postgresql_is_restarted_during_a_job() {
         });
         postgres.resume();
     }
-    let (coordinators, _) = farm.settle_after(|_| hours_later(&postgres));
+    let (coordinators, _) = farm.settle();
     assert!(coordinators.contains("the database failed") || coordinators.contains("no connection to the database"));
 }
 
@@ -52,7 +52,7 @@ fn the_object_store_is_away_for_a_minute() {
     let status = farm.client.when_done(job, 0);
     assert!(!status.state.ended(), "the job ended without its bytes");
     s3.restart();
-    let (coordinators, workers) = farm.settle_after(|_| hours_later(&postgres));
+    let (coordinators, workers) = farm.settle();
     assert!(coordinators.contains("the object store failed"), "{coordinators}");
     assert_eq!(workers.matches("registered").count(), 2, "a worker gave up: {workers}");
 }

@@ -1,7 +1,7 @@
 //! Clocks that are wrong by hours.
 
 use photonfarm_test_servers::{Postgres, S3};
-use photonfarm_tests::farm::{Clock, Farm, Job, Reference, Stores, hours_later, wrong_clock};
+use photonfarm_tests::farm::{Clock, Farm, Job, Reference, Stores, wrong_clock};
 use std::sync::Arc;
 
 fn job() -> Arc<Reference> {
@@ -27,7 +27,7 @@ fn workers_may_have_any_time_with_signed_urls_as_well() {
         assert!(!farm.client.when_done(job, iterations).state.ended());
         clock.set(jump);
     }
-    let (_, workers) = farm.settle_after(|_| hours_later(&postgres));
+    let (_, workers) = farm.settle();
     assert_eq!(workers.matches("registered").count(), 3, "{workers}");
 }
 

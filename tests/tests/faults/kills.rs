@@ -3,7 +3,7 @@
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_test_servers::{Postgres, S3};
-use photonfarm_tests::farm::{Farm, Job, Random, Reference, Stores, hours_later};
+use photonfarm_tests::farm::{Farm, Job, Random, Reference, Stores};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -220,7 +220,7 @@ fn kills_among_two_coordinators_leave_no_trace() {
     let (postgres, s3) = (Postgres::start(), S3::start());
     let ground = Ground::new(Farm::on(&Stores::shared(&postgres, &s3), 2), 2);
     let farm = ground.rounds("two coordinators", rounds.max(1), seed);
-    report("two coordinators", farm.settle_after(|_| hours_later(&postgres)));
+    report("two coordinators", farm.settle());
 }
 
 /// Both wait at times until blocks of the dead are lent to others: they do so side by side.

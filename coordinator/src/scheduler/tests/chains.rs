@@ -48,7 +48,7 @@ fn a_chain_is_lent_to_one_worker_at_a_time_and_goes_on_from_what_counts() {
         .unwrap()
         .reply
         .unwrap();
-    assert_eq!((header.key, found), (first.node, digest(JOB, first.node)));
+    assert_eq!((header.key, found.hash), (first.node, digest(JOB, first.node)));
     assert_eq!(header.statistics, 2);
     give(&mut farm, &second, second.node);
     let third = grant(&mut farm, 1, &[], 2).unwrap();

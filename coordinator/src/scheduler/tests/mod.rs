@@ -50,6 +50,7 @@ fn delivery(lease: &LeaseRecord, node: NodeKey) -> Delivery {
         node,
         resolution: [4, 4],
         digest: digest(lease.job, node),
+        copy: 0,
         unread: false,
         totals: Totals {
             seconds,

@@ -69,8 +69,8 @@ impl World {
         if let Some(known) = self.fetched.get(&token) {
             return Some(*known);
         }
-        let (header, digest) = self.farm.checkpoint_of(job, token, lease.worker).ok()?.reply?;
-        let found = self.statistics_after(job, header.key, digest);
+        let (header, image) = self.farm.checkpoint_of(job, token, lease.worker).ok()?.reply?;
+        let found = self.statistics_after(job, header.key, image.hash);
         self.fetched.insert(token, found);
         Some(found)
     }

@@ -50,8 +50,8 @@ fn sum(left: BlobHash, right: BlobHash) -> BlobHash {
 
 /// The digest of a node that others of the job's image make up.
 pub(super) fn added_up(job: &Job, node: NodeKey) -> BlobHash {
-    if let Some(digest) = job.live_digest(node) {
-        return digest;
+    if let Some(image) = job.live_image(node) {
+        return image.hash;
     }
     let [left, right] = node.children().unwrap().map(|child| added_up(job, child));
     sum(left, right)
