@@ -23,11 +23,22 @@ enum Kind {
     Objects,
 }
 
+impl Kind {
+    /// Whether a failure there is another test than with the other kinds.
+    fn may_fail_at(self, step: Step) -> bool {
+        match self {
+            Self::File => true,
+            Self::Folder => step == Step::Commit || step == Step::Committed,
+            // Workers write themselves.
+            Self::Objects => step != Step::Write,
+        }
+    }
+}
+
 const KINDS: [Kind; 3] = [Kind::File, Kind::Folder, Kind::Objects];
 
 /// Where a farm is kept, whose stores do what a test says.
 struct Ground {
-    kind: Kind,
     folder: TempDir,
     s3: Option<S3>,
     url: Option<String>,
@@ -36,7 +47,6 @@ struct Ground {
 impl Ground {
     fn new(kind: Kind) -> Self {
         Self {
-            kind,
             folder: tempfile::tempdir().unwrap(),
             s3: (kind == Kind::Objects).then(S3::start),
             url: (kind != Kind::File).then(|| Postgres::shared().database()),
@@ -152,7 +162,7 @@ async fn a_failure_at_any_step_is_made_good_by_a_repeat_and_leaves_nothing() {
             Step::Commit,
             Step::Committed,
         ] {
-            if kind == Kind::Objects && step == Step::Write {
+            if !kind.may_fail_at(step) {
                 continue;
             }
             let ground = Ground::new(kind);
@@ -189,6 +199,9 @@ async fn a_merge_that_fails_at_any_step_is_made_again() {
             Step::Commit,
             Step::Committed,
         ] {
+            if !kind.may_fail_at(step) {
+                continue;
+            }
             let ground = Ground::new(kind);
             let (world, faults) = ground.world(2).await;
             for _ in 0..2 {
@@ -197,6 +210,8 @@ async fn a_merge_that_fails_at_any_step_is_made_again() {
                 world.arrive(&lease).await.unwrap();
                 // The merge waits for the second node, and then for the fault.
                 if lease.node.index == 1 {
+                    let live = world.service.stores.state.live_images().await.unwrap();
+                    live.iter().for_each(|image| world.service.at_hand.forget(image.hash));
                     faults.fail(step);
                 }
                 drop(folding);
@@ -281,10 +296,7 @@ async fn what_one_coordinator_gave_up_is_not_what_another_has_counted_since() {
             .await
             .unwrap();
         gate.reached().await;
-        let b = World {
-            service: b.unwrap(),
-            ..a
-        };
+        let b = a.through(b.unwrap());
         b.service.catch_up(&mut *b.service.farm.lock().await).await.unwrap();
         let again = b.lease().await;
         assert_eq!(again.node, first.node, "{kind:?}");

@@ -1,12 +1,7 @@
 //! Blobs as files: `<first two digits>/<other digits>` of the name, written aside, synced, then renamed.
 
-<<<<<<< HEAD
 use super::{BlobReader, BlobStore, StagedBlob, StoreError, check_folder, not_writable};
-use crate::scheduler::record::Millis;
-=======
-use super::{BlobReader, BlobStore, StagedBlob, StoreError};
 use crate::scheduler::record::BlobName;
->>>>>>> 3e90596 (Name every copy of an image anew, and sweep old ones only: nothing that counts is ever removed)
 use async_trait::async_trait;
 use photonfarm_proto::id::BlobHash;
 use std::io::{ErrorKind, Read};
@@ -36,14 +31,10 @@ impl FolderStore {
     /// only what is a day old.
     pub fn open(root: &Path, shared: bool) -> Result<Self, StoreError> {
         let staging = root.join(STAGING);
-<<<<<<< HEAD
         std::fs::create_dir_all(&staging).map_err(|error| not_writable(&staging, &error))?;
         check_folder(root)?;
         check_folder(&staging)?;
-=======
-        std::fs::create_dir_all(&staging).map_err(io(&staging))?;
         let now = shared.then(|| clock(&staging)).transpose()?;
->>>>>>> 3e90596 (Name every copy of an image anew, and sweep old ones only: nothing that counts is ever removed)
         for file in std::fs::read_dir(&staging).map_err(io(&staging))? {
             let file = file.map_err(io(&staging))?;
             let modified = file.metadata().and_then(|metadata| metadata.modified());

@@ -37,13 +37,9 @@ use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
 use photonfarm_proto::worker::LeaseProgress;
 use serde::{Deserialize, Serialize};
-<<<<<<< HEAD
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-=======
-use std::path::PathBuf;
 use std::time::Duration;
->>>>>>> 3e90596 (Name every copy of an image anew, and sweep old ones only: nothing that counts is ever removed)
 use thiserror::Error;
 
 /// Why a store failed.
