@@ -50,7 +50,7 @@ impl Default for Limits {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum LimitError {
     /// A number beyond its limit.
-    #[error("{what} is {value}: the limit `{name}` is {limit}")]
+    #[error("{what} is {value}: the limit `{name}` is {limit}, on every farm")]
     Exceeded {
         /// What was counted.
         what: String,

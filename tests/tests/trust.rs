@@ -113,7 +113,7 @@ fn a_farm_with_tokens_and_a_certificate_renders() {
     assert!(Path::new(&picture).exists());
     refused(
         &submit(&ann_file, &trusted, "13"),
-        &["quota", "is 20; this would make 21"],
+        &["quota", "is 20; this would make 21", "--most-iterations"],
     );
     refused(
         &submit(&rack_file, &trusted, "1"),

@@ -25,7 +25,7 @@ pub struct Credentials {
 #[derive(Debug, Error)]
 pub enum CredentialsError {
     /// A file that cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("cannot read {}", path.display())]
     Io {
         /// The file.
         path: PathBuf,

@@ -42,7 +42,16 @@ impl Caller {
         match quota {
             Some(most) if needed > most => {
                 let token = &self.name;
-                let detail = format!("the quota `{name}` of the token {token:?} is {most}; this would make {needed}");
+                let mut detail =
+                    format!("the quota `{name}` of the token {token:?} is {most}; this would make {needed}");
+                let options = [
+                    ("jobs", "--most-jobs"),
+                    ("bundle_bytes", "--most-gigabytes"),
+                    ("iterations", "--most-iterations"),
+                ];
+                if let Some((_, option)) = options.iter().find(|(quota, _)| *quota == name) {
+                    detail += &format!("; an administrator sets it with `photonfarm token create {token} {option}`");
+                }
                 Err(Problem::new(ErrorCode::Quota, detail))
             }
             _ => Ok(()),

@@ -47,6 +47,7 @@ impl ServiceError {
     #[must_use]
     pub fn into_problem(self) -> Problem {
         let text = self.to_string();
+        let full = matches!(&self, Self::Store(error) if error.is_full());
         match self {
             Self::Problem(problem) => problem,
             Self::Refusal(refusal) => refusal_problem(&refusal),
@@ -62,6 +63,10 @@ impl ServiceError {
             Self::Store(StoreError::NoBlob(_)) => Problem::new(ErrorCode::NotFound, text),
             Self::Store(_) | Self::Film(_) | Self::Picture(_) => {
                 tracing::error!(error = text, "the service failed");
+                if full {
+                    let detail = "the coordinator's disk is full: it needs room where its data are; nothing is lost";
+                    return Problem::new(ErrorCode::Internal, detail);
+                }
                 Problem::new(ErrorCode::Internal, "the coordinator could not do it; its log says why")
             }
         }
@@ -87,4 +92,27 @@ fn refusal_problem(refusal: &Refusal) -> Problem {
         Refusal::Conflict { .. } => ErrorCode::ResultConflict,
     };
     Problem::new(code, refusal.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Error, ErrorKind};
+
+    #[test]
+    fn a_full_disk_is_named_and_no_path_is() {
+        let full = |source: Error| {
+            let path = "/srv/secret".into();
+            ServiceError::Store(StoreError::Io { path, source }).into_problem()
+        };
+        for kind in [ErrorKind::StorageFull, ErrorKind::QuotaExceeded] {
+            let problem = full(kind.into());
+            assert!(
+                problem.detail.contains("disk is full") && problem.retryable,
+                "{problem:?}"
+            );
+            assert!(!problem.detail.contains("secret"), "{problem:?}");
+        }
+        assert!(!full(ErrorKind::PermissionDenied.into()).detail.contains("full"));
+    }
 }

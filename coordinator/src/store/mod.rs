@@ -107,6 +107,16 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Whether there is no room left.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded),
+            Self::Sqlite(error) => error.sqlite_error_code() == Some(rusqlite::ErrorCode::DiskFull),
+            _ => false,
+        }
+    }
+
     /// Whether the same call may succeed later, as after a full disk.
     #[must_use]
     pub fn retryable(&self) -> bool {
