@@ -133,7 +133,7 @@ impl SqliteStore {
                  acknowledged is there"
             ),
             true => tracing::info!("{shown} was closed properly last time"),
-            false => tracing::info!("{shown} is new"),
+            false => tracing::debug!("{shown} is new"),
         }
         Ok(Self {
             connection: Arc::new(Mutex::new(Some(connection))),
