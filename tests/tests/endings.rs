@@ -4,6 +4,7 @@
 use photonfarm_proto::job::JobState;
 use photonfarm_tests::processes::{Coordinator, Launch, Process, jobs, photonfarm, scene, serve, wait_for};
 use photonfarm_tests::proxy::refuse_bodies_beyond;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
@@ -256,6 +257,19 @@ fn a_worker_without_a_coordinator_says_why_and_waits() {
     drop(free);
     let mut early = worker(&format!("http://{address}"), &cache, &[]);
     early.wait_for_error("the connection was refused");
+    // A proxy whose service is away has pages of its own.
+    let page = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let stranger = format!("http://{}", page.local_addr().unwrap());
+    std::thread::spawn(move || {
+        for mut client in page.incoming().map_while(Result::ok) {
+            let answer = b"HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\nconnection: close\r\n\r\n";
+            let _head = client.read(&mut [0; 4096]);
+            let _gone = client.write_all(answer);
+        }
+    });
+    let mut misled = worker(&stranger, &cache, &[]);
+    misled.wait_for_error("something answers there that is no coordinator: 404 Not Found");
+    assert!(misled.is_running());
     let (_coordinator, _) = serve(&folder.path().join("farm"), &address, &[]);
     early.wait_for_error("registered");
     assert!(early.is_running());

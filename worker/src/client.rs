@@ -51,6 +51,9 @@ pub enum ClientError {
          (of nginx: client_max_body_size)"
     )]
     TooLarge(u64),
+    /// Something else answers where the coordinator should, as a proxy does whose service is away.
+    #[error("something answers there that is no coordinator: {0}")]
+    Stranger(StatusCode),
     /// An answer that is not Photonfarm's.
     #[error("the answer cannot be read: {0}")]
     Answer(String),
@@ -67,7 +70,7 @@ impl ClientError {
     #[must_use]
     pub fn retryable(&self) -> bool {
         match self {
-            Self::Away(_) | Self::StoreAway(_) | Self::Store(_) => true,
+            Self::Away(_) | Self::StoreAway(_) | Self::Store(_) | Self::Stranger(_) => true,
             Self::Problem(problem) => problem.retryable,
             Self::TooLarge(_) | Self::Answer(_) | Self::Codec(_) | Self::Stopping => false,
         }
@@ -319,7 +322,7 @@ async fn succeed(response: Response) -> Result<Response, ClientError> {
             Err(ClientError::Problem(Box::new(problem)))
         }
         Err(_) if status == StatusCode::PAYLOAD_TOO_LARGE => Err(ClientError::TooLarge(0)),
-        Err(_) => Err(ClientError::Answer(format!("{status}, and not from a coordinator"))),
+        Err(_) => Err(ClientError::Stranger(status)),
     }
 }
 

@@ -97,7 +97,7 @@ pub enum WorkerError {
     #[error("{0}")]
     Url(String),
     /// The coordinator does not take this worker.
-    #[error("the coordinator refuses this worker: {0}")]
+    #[error("the coordinator refuses this worker")]
     Refused(#[source] ClientError),
     /// The cache's folder cannot be used.
     #[error("the cache {} cannot be written: choose another folder with --cache", path.display())]

@@ -152,7 +152,7 @@ fn check_file(path: &Path) -> Result<(), StoreError> {
 fn not_writable(path: &Path, error: &std::io::Error) -> StoreError {
     StoreError::NotWritable {
         path: path.to_owned(),
-        reason: error.to_string(),
+        reason: error.kind().to_string(),
     }
 }
 

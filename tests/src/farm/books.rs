@@ -25,17 +25,19 @@ pub struct Stores {
 
 impl Stores {
     /// A database file and a folder.
-    ///
-    /// # Panics
-    /// Where the folder has no UTF-8 name.
     #[must_use]
     pub fn folder(folder: &Path) -> Self {
-        let folder = folder.to_str().expect("a UTF-8 path");
+        Self::folders(folder, folder)
+    }
+
+    /// A database file in one folder, and bytes in another.
+    #[must_use]
+    pub fn folders(state: &Path, bytes: &Path) -> Self {
         Self {
-            state: format!("sqlite:{folder}/farm.sqlite"),
-            blobs: format!("file:{folder}"),
+            state: format!("sqlite:{}/farm.sqlite", state.display()),
+            blobs: format!("file:{}", bytes.display()),
             environment: Vec::new(),
-            images: Path::new(folder).join("nodes"),
+            images: bytes.join("nodes"),
         }
     }
 

@@ -2,7 +2,6 @@
 
 use photonfarm_tests::farm::{Disk, Farm, Job, Reference, Stores};
 use photonfarm_tests::processes::{Launch, wait_for};
-use std::path::Path;
 use std::sync::Arc;
 
 /// What a log says of a full disk: the system's words, and SQLite's.
@@ -16,15 +15,6 @@ fn job() -> Arc<Reference> {
         more: &["--set", "photons=10000"],
     };
     job.alone()
-}
-
-/// State and bytes in these folders.
-fn stores(state: &Path, bytes: &Path) -> Stores {
-    Stores {
-        state: format!("sqlite:{}/farm.sqlite", state.display()),
-        blobs: format!("file:{}", bytes.display()),
-        environment: Vec::new(),
-    }
 }
 
 /// Runs a job on a farm of which `disk` holds a part, and lets the disk run full: while the coordinator runs, and then
@@ -68,13 +58,13 @@ fn failures(farm: &Farm) -> usize {
 #[test]
 fn a_full_disk_loses_neither_state_nor_bytes() {
     let disk = Disk::new(16);
-    run_full(&disk, &stores(disk.path(), disk.path()));
+    run_full(&disk, &Stores::folder(disk.path()));
 }
 
 #[test]
 fn a_full_disk_of_the_state_loses_nothing() {
     let (disk, bytes) = (Disk::new(16), tempfile::tempdir().unwrap());
-    run_full(&disk, &stores(disk.path(), bytes.path()));
+    run_full(&disk, &Stores::folders(disk.path(), bytes.path()));
 }
 
 #[test]
