@@ -10,7 +10,7 @@ mod server;
 pub mod service;
 pub mod store;
 
-pub use api::openapi;
+pub use api::{Route, openapi, routes};
 pub use server::{Timeouts, TlsError, TlsFiles};
 
 use access::{Gate, Tokens};
@@ -18,7 +18,7 @@ use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_proto::limits::Limits;
 use scheduler::SchedulerConfig;
-use server::Server;
+use server::{Certificates, Server};
 use service::{Service, ServiceError, Stores};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -49,6 +49,8 @@ pub struct Config {
     pub rate: u32,
     /// Connections at once; more wait until one of them ends.
     pub connections: usize,
+    /// Connections at once from one address (IPv6: one network of 64 bits); more are closed at once.
+    pub connections_per_address: usize,
     /// How long peers may take.
     pub timeouts: Timeouts,
 }
@@ -66,6 +68,7 @@ impl Config {
             tls: None,
             rate: 1000,
             connections: 4096,
+            connections_per_address: 1024,
             timeouts: Timeouts::default(),
         }
     }
@@ -97,7 +100,7 @@ pub enum StartError {
 pub struct Coordinator {
     address: SocketAddr,
     service: Arc<Service>,
-    encrypted: bool,
+    certificates: Option<Arc<Certificates>>,
     server: JoinHandle<()>,
     clockwork: JoinHandle<()>,
 }
@@ -128,8 +131,8 @@ impl Coordinator {
     async fn serve(config: Config, stores: Stores, listener: TcpListener) -> Result<Self, StartError> {
         let address = listener.local_addr()?;
         let loopback = address.ip().to_canonical().is_loopback();
-        let tls = config.tls.as_ref().map(TlsFiles::acceptor).transpose()?;
-        let encrypted = tls.is_some();
+        let certificates = config.tls.as_ref().map(Certificates::read).transpose()?.map(Arc::new);
+        let encrypted = certificates.is_some();
         let gate = Gate::new(Tokens::new(stores.state.clone()), loopback, config.rate);
         if !loopback && !gate.has_tokens().await? {
             return Err(StartError::NoToken(address));
@@ -141,15 +144,18 @@ impl Coordinator {
         let service = Service::open(config.limits, config.scheduler, stores).await?;
         let server = Server {
             router: api::router(service.clone(), Arc::new(gate)),
-            tls,
+            tls: certificates.clone(),
             timeouts: config.timeouts,
+            connections: config.connections,
+            connections_per_address: config.connections_per_address,
             stopping: service.stopping(),
+            refused: service.refused_connections.clone(),
         };
         tracing::info!(%address, encrypted, "coordinator listens");
         Ok(Self {
             address,
-            encrypted,
-            server: tokio::spawn(server.run(listener, config.connections)),
+            certificates,
+            server: tokio::spawn(server.run(listener)),
             clockwork: tokio::spawn(service.clone().run(step)),
             service,
         })
@@ -164,7 +170,7 @@ impl Coordinator {
     /// The URL for workers and clients.
     #[must_use]
     pub fn url(&self) -> String {
-        let scheme = if self.encrypted { "https" } else { "http" };
+        let scheme = if self.certificates.is_some() { "https" } else { "http" };
         format!("{scheme}://{}", self.address)
     }
 
@@ -172,6 +178,16 @@ impl Coordinator {
     #[must_use]
     pub fn service(&self) -> &Arc<Service> {
         &self.service
+    }
+
+    /// Reads the files of the certificate again; new connections get what is in them. Files that cannot be used change
+    /// nothing: connections go on with what was there. Returns whether there is a certificate.
+    ///
+    /// # Errors
+    /// What is wrong with the files.
+    pub fn renew_certificates(&self) -> Result<bool, TlsError> {
+        let renewed = self.certificates.as_ref().map(|certificates| certificates.renew());
+        Ok(renewed.transpose()?.is_some())
     }
 
     /// Ends: answers waiting requests, takes no new ones, and returns when the requests under way are done.

@@ -193,6 +193,9 @@ pub(crate) struct ServeArgs {
     /// Connections at once; more wait until one of them ends
     #[arg(long, value_name = "N", default_value = "4096")]
     pub(crate) connections: NonZeroUsize,
+    /// Connections at once from one address; more are closed at once. A proxy in front is one address
+    #[arg(long, value_name = "N", default_value = "1024")]
+    pub(crate) connections_per_address: NonZeroUsize,
     /// Format of the log; RUST_LOG chooses what it tells
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     pub(crate) log_format: LogFormat,
@@ -415,7 +418,7 @@ mod tests {
             "photonfarm render s.xml -o o.exr --integrator path --iterations 4 --seed 7 -D a=b -D c=d=e \
              --set samples=2 --set max_depth=-1 --threads 3 --stats s.json",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format json",
-            "photonfarm serve --listen [::]:0 --data d --tls-cert c --tls-key k --rate 5 --connections 9",
+            "photonfarm serve --listen [::]:0 --data d --tls-cert c --tls-key k --rate 5 --connections 9 --connections-per-address 3",
             "photonfarm token create a --role submit --days 0.5 --most-jobs 1 --most-gigabytes 2 --data d",
             "photonfarm token list --coordinator http://localhost:1 --token-file t --ca c",
             "photonfarm token revoke a --data d",

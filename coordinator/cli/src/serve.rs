@@ -35,6 +35,7 @@ async fn serve(args: ServeArgs) -> Result<()> {
             .map(|(certificate, key)| TlsFiles { certificate, key }),
         rate: args.rate.get(),
         connections: args.connections.get(),
+        connections_per_address: args.connections_per_address.get(),
         scheduler: SchedulerConfig {
             lease_target_ms: 1000 * u64::from(args.lease_seconds.get()),
             verify_until: args.verify,
@@ -52,10 +53,33 @@ async fn serve(args: ServeArgs) -> Result<()> {
         Err(error) if !error.is::<say::ReaderLeft>() => return Err(error),
         _ => {}
     }
-    stop.await;
+    tokio::select! {
+        () = stop => {}
+        never = renew_certificates(&coordinator) => never?,
+    }
     tracing::info!("stopping; jobs go on when the coordinator is started again with the same stores");
     coordinator.shutdown().await;
     Ok(())
+}
+
+/// Reads the certificate again at every SIGHUP.
+#[cfg(unix)]
+async fn renew_certificates(coordinator: &Coordinator) -> Result<()> {
+    let mut hangup = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::hangup())?;
+    while hangup.recv().await.is_some() {
+        match coordinator.renew_certificates() {
+            Ok(true) => tracing::info!("the certificate was read again: new connections get it"),
+            Ok(false) => tracing::info!("there is no certificate to read again"),
+            Err(error) => tracing::error!("the certificate stays as it was: {error}"),
+        }
+    }
+    std::future::pending().await
+}
+
+/// Certificates are read again where there are signals to ask for it.
+#[cfg(not(unix))]
+async fn renew_certificates(_: &Coordinator) -> Result<()> {
+    std::future::pending().await
 }
 
 /// Ends on Ctrl-C, or on SIGTERM where there is one.

@@ -4,6 +4,7 @@ use super::rate::Buckets;
 use super::tokens::{no_token, wall_clock};
 use super::{Caller, TokenRecord, Tokens, token};
 use crate::service::ServiceError;
+use crate::store::StoreError;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{NewToken, Role, TokenRequest, TokenStatus};
 use std::net::IpAddr;
@@ -12,6 +13,10 @@ use std::time::{Duration, Instant};
 
 /// How long tokens are remembered: a token revoked at another coordinator of the farm is refused after this time.
 const REMEMBERED: Duration = Duration::from_secs(1);
+/// How long the tokens that were valid at last go on while the store does not answer; clients give up after as long.
+const GRACE: Duration = Duration::from_secs(15 * 60);
+/// How long a request waits for a store that does not answer, where it can go on without.
+const PATIENCE: Duration = Duration::from_secs(2);
 /// Requests a second that one address may send without a valid token.
 const VISITS_PER_SECOND: u32 = 20;
 
@@ -20,9 +25,18 @@ pub(crate) struct Gate {
     tokens: Tokens,
     /// Whether a farm without any token is open: only where nobody but this machine can knock.
     loopback: bool,
-    remembered: tokio::sync::Mutex<Option<(Instant, Arc<[TokenRecord]>)>>,
+    remembered: tokio::sync::Mutex<Option<Remembered>>,
     callers: Mutex<Buckets<(String, IpAddr)>>,
     visitors: Mutex<Buckets<IpAddr>>,
+}
+
+/// The tokens as the store had them.
+struct Remembered {
+    /// When the store was last asked, whether it answered or not.
+    asked: Instant,
+    /// When it last answered.
+    answered: Instant,
+    tokens: Arc<[TokenRecord]>,
 }
 
 impl Gate {
@@ -42,16 +56,35 @@ impl Gate {
         Ok(!self.remembered().await?.is_empty())
     }
 
+    /// The tokens. While the store is away those go on that it had at last: a revocation needs the store as well.
     async fn remembered(&self) -> Result<Arc<[TokenRecord]>, ServiceError> {
         let mut remembered = self.remembered.lock().await;
-        match &*remembered {
-            Some((at, tokens)) if at.elapsed() < REMEMBERED => Ok(tokens.clone()),
-            _ => {
-                let tokens: Arc<[TokenRecord]> = self.tokens.records().await?.into();
-                *remembered = Some((Instant::now(), tokens.clone()));
-                Ok(tokens)
-            }
+        let Some(known) = &mut *remembered else {
+            let tokens: Arc<[TokenRecord]> = self.tokens.records().await?.into();
+            let now = Instant::now();
+            *remembered = Some(Remembered {
+                asked: now,
+                answered: now,
+                tokens: tokens.clone(),
+            });
+            return Ok(tokens);
+        };
+        if known.asked.elapsed() < REMEMBERED {
+            return Ok(known.tokens.clone());
         }
+        let late = |_| Err(StoreError::Connection("it does not answer".into()).into());
+        let answer = tokio::time::timeout(PATIENCE, self.tokens.records())
+            .await
+            .unwrap_or_else(late);
+        known.asked = Instant::now();
+        match answer {
+            Ok(tokens) => (known.answered, known.tokens) = (known.asked, tokens.into()),
+            Err(ServiceError::Store(error)) if error.retryable() && known.answered.elapsed() < GRACE => {
+                tracing::warn!(%error, "the store does not tell the tokens: those that were valid go on");
+            }
+            Err(error) => return Err(error),
+        }
+        Ok(known.tokens.clone())
     }
 
     async fn forget(&self) {
@@ -142,8 +175,8 @@ fn find<'a>(tokens: &'a [TokenRecord], token: &str) -> Option<&'a TokenRecord> {
         .fold(None, |found, record| if same(record) { Some(record) } else { found })
 }
 
-/// What counts as one visitor: an IPv4 address, or the network that one holder of IPv6 addresses usually has.
-fn network(peer: IpAddr) -> IpAddr {
+/// What counts as one visitor and one machine: an IPv4 address, or the network that one holder of IPv6 addresses usually has.
+pub(crate) fn network(peer: IpAddr) -> IpAddr {
     match peer.to_canonical() {
         IpAddr::V4(address) => address.into(),
         IpAddr::V6(address) => std::net::Ipv6Addr::from(u128::from(address) >> 64 << 64).into(),
@@ -158,6 +191,45 @@ fn too_many(who: &str, seconds: u16) -> Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::StateStore;
+    use crate::store::memory::MemoryStore;
+    use photonfarm_proto::token::Quota;
+    use std::net::Ipv4Addr;
+    use std::sync::atomic::Ordering;
+
+    /// The tokens that were valid at last go on while the store is away, for as long as clients have patience.
+    #[tokio::test]
+    async fn tokens_go_on_while_the_store_is_away() {
+        let store = Arc::new(MemoryStore::default());
+        let gate = Gate::new(Tokens::new(store.clone()), false, 1000);
+        let request = TokenRequest {
+            name: "boss".into(),
+            role: Role::Admin,
+            expires_in_s: None,
+            quota: Quota::default(),
+        };
+        let header = format!("Bearer {}", gate.create(request).await.unwrap().token);
+        let admit = async |header: &str| gate.admit(Some(header), Ipv4Addr::LOCALHOST.into()).await;
+        assert_eq!(admit(&header).await.unwrap().unwrap().name, "boss");
+        let pass = async |time: Duration| {
+            let mut remembered = gate.remembered.lock().await;
+            let known = remembered.as_mut().unwrap();
+            (known.asked, known.answered) = (known.asked - time, known.answered - time);
+        };
+        store.away.store(true, Ordering::Relaxed);
+        pass(GRACE / 2).await;
+        assert_eq!(admit(&header).await.unwrap().unwrap().name, "boss");
+        assert!(
+            matches!(admit("Bearer x").await, Err(ServiceError::Problem(_))),
+            "no other token is let in"
+        );
+        pass(GRACE / 2).await;
+        assert!(matches!(admit(&header).await, Err(ServiceError::Store(_))));
+        store.away.store(false, Ordering::Relaxed);
+        pass(REMEMBERED).await;
+        assert!(store.remove_token("boss".into()).await.unwrap());
+        assert!(admit(&header).await.is_err(), "a token that was revoked meanwhile");
+    }
 
     #[test]
     fn only_the_bearer_scheme_is_read() {

@@ -5,7 +5,7 @@ mod rate;
 mod token;
 mod tokens;
 
-pub(crate) use gate::Gate;
+pub(crate) use gate::{Gate, network};
 pub use token::{Secret, TokenRecord};
 pub use tokens::Tokens;
 
@@ -32,6 +32,11 @@ impl Caller {
             role: Role::Admin,
             quota: Quota::default(),
         }
+    }
+
+    /// Whether the farm asks for no tokens.
+    pub(crate) fn is_anyone(&self) -> bool {
+        self.name.is_empty()
     }
 
     /// Refuses a request that would make the use of `name` exceed its quota.

@@ -3,12 +3,12 @@
 use super::extract::Id;
 use super::{ApiError, App};
 use axum::extract::State;
-use axum::response::Sse;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::sse::{Event, KeepAlive};
-use futures_util::Stream;
+use axum::response::{IntoResponse, Response, Sse};
 use futures_util::stream;
 use photonfarm_proto::api::{EVENT_END, EVENT_STATUS};
-use photonfarm_proto::id::JobId;
+use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::problem::Problem;
 use std::convert::Infallible;
@@ -17,36 +17,69 @@ use tokio::sync::watch;
 
 /// Least time between two events.
 const STEP: Duration = Duration::from_millis(200);
+/// How long a client whose stream broke waits before it asks again.
+const RETRY: Duration = Duration::from_secs(1);
+/// Says which event was the last that came; browsers send it when they ask again.
+const LAST_EVENT_ID: &str = "last-event-id";
+/// Keeps nginx, and what does as nginx does, from collecting events before it passes them on.
+const NO_BUFFERING: (HeaderName, HeaderValue) = (
+    HeaderName::from_static("x-accel-buffering"),
+    HeaderValue::from_static("no"),
+);
 
-/// The job's status whenever it changes: events `status`, and at last one `end`. The data is a `JobStatus`.
+/// The job's status whenever it changes: events `status`, and at last one `end`. The data is a `JobStatus`. Every event
+/// has an id; who sends that of the last one as `Last-Event-ID` gets what is new, and 204 where nothing more will come.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/events", params(("id" = JobId, Path)),
+    get, path = "/v1/jobs/{id}/events",
+    params(
+        ("id" = JobId, Path),
+        ("Last-Event-ID" = Option<String>, Header, description = "the id of the last event that came")
+    ),
     responses(
         (status = 200, content_type = "text/event-stream", description = "the data of each event is a `JobStatus` as JSON"),
+        (status = 204, description = "the last event came already"),
         (status = "4XX", body = Problem)
     )
 )]
 pub(super) async fn events(
     State(service): State<App>,
     Id(id): Id<JobId>,
-) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, ApiError> {
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
     let status = service.status(id).await?;
+    let known = headers.get(LAST_EVENT_ID).and_then(|value| value.to_str().ok());
+    let known = known.is_some_and(|known| known == event_id(&status));
+    if known && status.state.ended() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let (next, last) = match known {
+        true => (None, Some(status)),
+        false => (Some(status), None),
+    };
     let follower = Follower {
         progress: service.progress(),
         stopping: service.stopping(),
         service,
         id,
-        next: Some(status),
-        last: None,
+        next,
+        last,
     };
     let events = stream::unfold(follower, |mut follower| async move {
         let status = follower.next_status().await?;
         let name = if status.state.ended() { EVENT_END } else { EVENT_STATUS };
-        let event = Event::default().event(name).json_data(&status).ok()?;
+        let event = Event::default().event(name).id(event_id(&status)).retry(RETRY);
+        let event = event.json_data(&status).ok()?;
         follower.last = Some(status);
-        Some((Ok(event), follower))
+        Some((Ok::<_, Infallible>(event), follower))
     });
-    Ok(Sse::new(events).keep_alive(KeepAlive::default()))
+    let stream = Sse::new(events).keep_alive(KeepAlive::default());
+    Ok(([NO_BUFFERING], stream).into_response())
+}
+
+/// The same for the same status, whichever coordinator of a farm shows it.
+fn event_id(status: &JobStatus) -> String {
+    let text = serde_json::to_vec(status).unwrap_or_default();
+    BlobHash::of(&text).to_string()[..16].to_owned()
 }
 
 struct Follower {

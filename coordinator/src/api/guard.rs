@@ -1,7 +1,7 @@
 //! Every request passes here: who sends it, and whether the route is for them.
 
 use super::extract::Id;
-use super::{ApiError, App};
+use super::{ApiError, App, local};
 use crate::access::{Caller, Gate};
 use crate::server::Peer;
 use axum::extract::{FromRequestParts, Request, State};
@@ -28,6 +28,9 @@ pub(super) async fn identify(
         .get(AUTHORIZATION)
         .map(|value| value.to_str().unwrap_or(""));
     let caller = gate.admit(header, peer).await?;
+    if caller.as_ref().is_some_and(Caller::is_anyone) {
+        local::check(request.method(), request.headers())?;
+    }
     let asked = changes_something(&request).then(|| format!("{} {}", request.method(), request.uri().path()));
     let name = caller.as_ref().map_or("", |caller| &caller.name);
     let who = if name.is_empty() { "somebody" } else { name }.to_owned();

@@ -2,17 +2,19 @@
 
 use super::extract::{Id, JsonBody, Params};
 use super::guard::{By, Steered};
+use super::spool::Spool;
 use super::{ApiError, App};
 use crate::service::ImageFormat;
-use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
 use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobPage};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use serde::Deserialize;
+use std::sync::Arc;
 
 /// Most jobs on a page.
 const PAGE: u32 = 100;
@@ -116,10 +118,11 @@ pub(super) async fn remove(state: State<App>, id: Steered) -> Result<Json<JobSta
 )]
 pub(super) async fn image_exr(
     State(service): State<App>,
+    Extension(spool): Extension<Arc<Spool>>,
     Id(id): Id<JobId>,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
-    image(service, id, ImageFormat::Exr, "image/x-exr", &headers).await
+    image(service, &spool, (id, ImageFormat::Exr), "image/x-exr", &headers).await
 }
 
 /// The image as it stands, as PNG by a tone curve.
@@ -129,27 +132,33 @@ pub(super) async fn image_exr(
 )]
 pub(super) async fn image_png(
     State(service): State<App>,
+    Extension(spool): Extension<Arc<Spool>>,
     Id(id): Id<JobId>,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
-    image(service, id, ImageFormat::Png, "image/png", &headers).await
+    image(service, &spool, (id, ImageFormat::Png), "image/png", &headers).await
 }
 
 async fn image(
     service: App,
-    id: JobId,
-    format: ImageFormat,
-    media_type: &str,
+    spool: &Spool,
+    (id, format): (JobId, ImageFormat),
+    media_type: &'static str,
     headers: &HeaderMap,
 ) -> Result<Response, ApiError> {
     let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
-    let picture = service.picture(id, format, known).await?;
-    let cache = [
-        (header::ETAG, picture.etag),
-        (header::CACHE_CONTROL, "no-cache".to_owned()),
-    ];
-    Ok(match picture.bytes {
-        Some(bytes) => (cache, [(header::CONTENT_TYPE, media_type)], bytes).into_response(),
-        None => (StatusCode::NOT_MODIFIED, cache).into_response(),
-    })
+    let make = async {
+        let picture = service.picture(id, format, known).await?;
+        let status = match &picture.bytes {
+            Some(_) => StatusCode::OK,
+            None => StatusCode::NOT_MODIFIED,
+        };
+        let head = [
+            (header::ETAG, picture.etag),
+            (header::CACHE_CONTROL, "no-cache".to_owned()),
+            (header::CONTENT_TYPE, media_type.to_owned()),
+        ];
+        Ok(((status, head).into_response(), picture.bytes))
+    };
+    spool.answer(make).await
 }

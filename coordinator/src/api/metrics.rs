@@ -6,6 +6,7 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use photonfarm_proto::job::{JobState, JobStatus};
 use std::fmt::Write;
+use std::sync::atomic::Ordering;
 
 /// The media type of the format.
 const MEDIA_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
@@ -50,6 +51,12 @@ pub(super) async fn metrics(State(service): State<App>) -> Result<impl IntoRespo
         "pending_leases",
         "Leases of the usual length that the pending iterations make.",
         going_on().map(|job| pending_leases(job, target_s)).sum(),
+    );
+    let refused = service.refused_connections.load(Ordering::Relaxed);
+    let _ = write!(
+        text,
+        "# HELP photonfarm_connections_refused_total Connections closed at once, since their address had too many.\n\
+         # TYPE photonfarm_connections_refused_total counter\nphotonfarm_connections_refused_total {refused}\n"
     );
     Ok(([(header::CONTENT_TYPE, MEDIA_TYPE)], text))
 }

@@ -5,7 +5,9 @@ mod events;
 mod extract;
 mod guard;
 mod jobs;
+mod local;
 mod metrics;
+mod spool;
 mod steer;
 mod system;
 mod tokens;
@@ -14,99 +16,179 @@ mod worker;
 use crate::access::Gate;
 use crate::service::{Service, ServiceError};
 use axum::extract::DefaultBodyLimit;
+use axum::handler::Handler;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
-use axum::routing::{delete, get, post, put};
+use axum::routing::{MethodFilter, on};
 use axum::{Extension, Router};
 use photonfarm_proto::problem::{ErrorCode, PROBLEM_MEDIA_TYPE, Problem};
 use photonfarm_proto::token::Role;
+use spool::Spool;
 use std::sync::Arc;
 use tower_http::trace::TraceLayer;
 
 type App = Arc<Service>;
 
-/// All routes, by who may use them; `healthz` is for everybody.
+/// A route of the interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Route {
+    /// The method, such as `GET`.
+    pub method: &'static str,
+    /// The path as a template, such as `/v1/jobs/{id}`.
+    pub path: &'static str,
+    /// Who may use it, besides administrators; everybody where there is none.
+    pub roles: Option<&'static [Role]>,
+}
+
+/// Routes of one kind of callers. What the router serves and what [`routes`] says are made by the same calls.
+struct Routes {
+    roles: Option<&'static [Role]>,
+    router: Router<App>,
+    known: Vec<Route>,
+}
+
+impl Routes {
+    fn of(roles: Option<&'static [Role]>) -> Self {
+        Self {
+            roles,
+            router: Router::new(),
+            known: Vec::new(),
+        }
+    }
+
+    fn on<H: Handler<T, App>, T: 'static>(mut self, method: &'static str, path: &'static str, handler: H) -> Self {
+        let filter = match method {
+            "GET" => MethodFilter::GET,
+            "PUT" => MethodFilter::PUT,
+            "POST" => MethodFilter::POST,
+            _ => MethodFilter::DELETE,
+        };
+        self.router = self.router.route(path, on(filter, handler));
+        let roles = self.roles;
+        self.known.push(Route { method, path, roles });
+        self
+    }
+
+    fn get<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
+        self.on("GET", path, handler)
+    }
+
+    fn put<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
+        self.on("PUT", path, handler)
+    }
+
+    fn post<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
+        self.on("POST", path, handler)
+    }
+
+    fn delete<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
+        self.on("DELETE", path, handler)
+    }
+
+    /// The routes, behind a guard that asks for a role.
+    fn guarded(self) -> Router<App> {
+        match self.roles {
+            Some(roles) => self.router.route_layer(from_fn_with_state(roles, guard::need)),
+            None => self.router,
+        }
+    }
+}
+
+/// All routes that look at who asks.
+fn guarded_routes() -> [Routes; 5] {
+    [
+        read_routes(),
+        scene_routes(),
+        submit_routes(),
+        worker_routes(),
+        admin_routes(),
+    ]
+}
+
+/// Every route of the interface, by who may use it.
+#[must_use]
+pub fn routes() -> Vec<Route> {
+    let guarded = guarded_routes().into_iter();
+    guarded.chain([open_routes()]).flat_map(|routes| routes.known).collect()
+}
+
+/// The interface. `healthz` is for everybody and costs next to nothing: not even tokens are looked at.
 pub(crate) fn router(service: App, gate: Arc<Gate>) -> Router {
-    let for_role =
-        |roles: &'static [Role], routes: Router<App>| routes.route_layer(from_fn_with_state(roles, guard::need));
-    let v1 = Router::new()
-        .merge(for_role(&[Role::Read], read_routes()))
-        .merge(for_role(&[Role::Read, Role::Worker], scene_routes()))
-        .merge(for_role(&[Role::Submit], submit_routes()))
-        .merge(for_role(&[Role::Worker], worker_routes()))
-        .merge(for_role(&[Role::Admin], admin_routes()))
-        .route("/healthz", get(system::health));
-    Router::new()
-        .nest("/v1", v1)
-        .merge(for_role(
-            &[Role::Read],
-            Router::new().route("/metrics", get(metrics::metrics)),
-        ))
+    let guarded = guarded_routes().map(Routes::guarded);
+    let guarded = guarded.into_iter().fold(Router::new(), Router::merge);
+    guarded
         .fallback(async || ApiError::from(Problem::new(ErrorCode::NotFound, "there is no such route")))
-        .method_not_allowed_fallback(async || {
-            ApiError::from(Problem::new(
-                ErrorCode::MethodNotAllowed,
-                "the route has no such method",
-            ))
-        })
+        .method_not_allowed_fallback(not_allowed)
         .layer(from_fn_with_state(gate.clone(), guard::identify))
         .layer(Extension(gate))
+        .layer(Extension(Arc::new(Spool::default())))
+        .merge(open_routes().guarded().method_not_allowed_fallback(not_allowed))
         .layer(DefaultBodyLimit::disable())
         .layer(TraceLayer::new_for_http())
         .with_state(service)
 }
 
-fn read_routes() -> Router<App> {
-    Router::new()
-        .route("/jobs", get(jobs::list))
-        .route("/jobs/{id}", get(jobs::status))
-        .route("/jobs/{id}/image.exr", get(jobs::image_exr))
-        .route("/jobs/{id}/image.png", get(jobs::image_png))
-        .route("/jobs/{id}/events", get(events::events))
-        .route("/workers", get(system::workers))
-        .route("/openapi.json", get(system::openapi))
+async fn not_allowed() -> ApiError {
+    Problem::new(ErrorCode::MethodNotAllowed, "the route has no such method").into()
 }
 
-fn scene_routes() -> Router<App> {
-    Router::new()
-        .route("/bundles/{hash}", get(bundles::manifest))
-        .route("/blobs/{hash}", get(bundles::download))
+fn open_routes() -> Routes {
+    Routes::of(None).get("/v1/healthz", system::health)
 }
 
-fn submit_routes() -> Router<App> {
-    Router::new()
-        .route("/bundles", post(bundles::submit))
-        .route("/blobs/{hash}", put(bundles::upload))
-        .route("/jobs", post(jobs::submit))
-        .route("/jobs/{id}", delete(jobs::remove))
-        .route("/jobs/{id}/cancel", post(jobs::cancel))
-        .route("/jobs/{id}/pause", post(steer::pause))
-        .route("/jobs/{id}/resume", post(steer::resume))
-        .route("/jobs/{id}/extend", post(steer::extend))
-        .route("/jobs/{id}/priority", put(steer::prioritize))
+fn read_routes() -> Routes {
+    Routes::of(Some(&[Role::Read]))
+        .get("/v1/jobs", jobs::list)
+        .get("/v1/jobs/{id}", jobs::status)
+        .get("/v1/jobs/{id}/image.exr", jobs::image_exr)
+        .get("/v1/jobs/{id}/image.png", jobs::image_png)
+        .get("/v1/jobs/{id}/events", events::events)
+        .get("/v1/workers", system::workers)
+        .get("/v1/openapi.json", system::openapi)
+        .get("/metrics", metrics::metrics)
 }
 
-fn worker_routes() -> Router<App> {
-    Router::new()
-        .route("/worker/register", post(worker::register))
-        .route("/worker/lease", post(worker::lease))
-        .route("/worker/heartbeat", post(worker::heartbeat))
-        .route("/worker/nodes", post(worker::upload))
-        .route("/worker/nodes/place", post(worker::place))
-        .route("/worker/nodes/stored", post(worker::stored))
-        .route("/worker/statistics", post(worker::statistics))
-        .route("/worker/failures", post(worker::fail))
-        .route("/worker/release", post(worker::release))
-        .route("/worker/leave", post(worker::leave))
+fn scene_routes() -> Routes {
+    Routes::of(Some(&[Role::Read, Role::Worker]))
+        .get("/v1/bundles/{hash}", bundles::manifest)
+        .get("/v1/blobs/{hash}", bundles::download)
 }
 
-fn admin_routes() -> Router<App> {
-    Router::new()
-        .route("/tokens", post(tokens::create).get(tokens::list))
-        .route("/tokens/{name}", delete(tokens::revoke))
-        .route("/workers/{id}/quarantine", post(steer::quarantine))
-        .route("/workers/{id}/release", post(steer::release))
+fn submit_routes() -> Routes {
+    Routes::of(Some(&[Role::Submit]))
+        .post("/v1/bundles", bundles::submit)
+        .put("/v1/blobs/{hash}", bundles::upload)
+        .post("/v1/jobs", jobs::submit)
+        .delete("/v1/jobs/{id}", jobs::remove)
+        .post("/v1/jobs/{id}/cancel", jobs::cancel)
+        .post("/v1/jobs/{id}/pause", steer::pause)
+        .post("/v1/jobs/{id}/resume", steer::resume)
+        .post("/v1/jobs/{id}/extend", steer::extend)
+        .put("/v1/jobs/{id}/priority", steer::prioritize)
+}
+
+fn worker_routes() -> Routes {
+    Routes::of(Some(&[Role::Worker]))
+        .post("/v1/worker/register", worker::register)
+        .post("/v1/worker/lease", worker::lease)
+        .post("/v1/worker/heartbeat", worker::heartbeat)
+        .post("/v1/worker/nodes", worker::upload)
+        .post("/v1/worker/nodes/place", worker::place)
+        .post("/v1/worker/nodes/stored", worker::stored)
+        .post("/v1/worker/statistics", worker::statistics)
+        .post("/v1/worker/failures", worker::fail)
+        .post("/v1/worker/release", worker::release)
+        .post("/v1/worker/leave", worker::leave)
+}
+
+fn admin_routes() -> Routes {
+    Routes::of(Some(&[Role::Admin]))
+        .post("/v1/tokens", tokens::create)
+        .get("/v1/tokens", tokens::list)
+        .delete("/v1/tokens/{name}", tokens::revoke)
+        .post("/v1/workers/{id}/quarantine", steer::quarantine)
+        .post("/v1/workers/{id}/release", steer::release)
 }
 
 /// The OpenAPI document of the public interface.
@@ -148,5 +230,35 @@ impl IntoResponse for ApiError {
             response.headers_mut().insert(header::RETRY_AFTER, seconds.into());
         }
         response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    /// The worker protocol is no JSON, and figures are no part of the interface for programs that send jobs.
+    fn is_described(path: &str) -> bool {
+        !path.starts_with("/v1/worker/") && path != "/metrics"
+    }
+
+    #[test]
+    fn every_route_is_described_and_nothing_else_is() {
+        let document = serde_json::to_value(openapi()).unwrap();
+        let described: BTreeSet<(String, String)> = document["paths"]
+            .as_object()
+            .unwrap()
+            .iter()
+            .flat_map(|(path, item)| {
+                let methods = item.as_object().unwrap().keys();
+                methods.map(|method| (path.clone(), method.to_uppercase()))
+            })
+            .collect();
+        let served = routes().into_iter().filter(|route| is_described(route.path));
+        let served: BTreeSet<_> = served
+            .map(|route| (route.path.to_owned(), route.method.to_owned()))
+            .collect();
+        assert_eq!(described, served);
     }
 }

@@ -1,14 +1,19 @@
 //! The worker protocol.
 
 use super::extract::{Framed, expect_media_type};
+use super::spool::Spool;
 use super::{ApiError, App};
 use crate::scheduler::Delivered;
+use axum::Extension;
 use axum::extract::{Request, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
     NodeUpload, Register, Registered, Release, StatisticsRequest,
 };
+use std::sync::Arc;
 
 pub(super) async fn register(
     State(service): State<App>,
@@ -68,9 +73,12 @@ pub(super) async fn stored(
 
 pub(super) async fn statistics(
     State(service): State<App>,
+    Extension(spool): Extension<Arc<Spool>>,
     Framed(request): Framed<StatisticsRequest>,
-) -> Result<Vec<u8>, ApiError> {
-    Ok(service.statistics(request).await?)
+) -> Result<Response, ApiError> {
+    let head = [(CONTENT_TYPE, "application/octet-stream")].into_response();
+    let make = async { Ok((head, Some(service.statistics(request).await?))) };
+    spool.answer(make).await
 }
 
 pub(super) async fn fail(

@@ -3,7 +3,7 @@
 use rustls_pki_types::pem::PemObject;
 use rustls_pki_types::{CertificateDer, PrivateKeyDer};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 use thiserror::Error;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::{ServerConfig, crypto::ring};
@@ -39,8 +39,7 @@ pub enum TlsError {
 }
 
 impl TlsFiles {
-    /// Reads the files.
-    pub(crate) fn acceptor(&self) -> Result<TlsAcceptor, TlsError> {
+    fn acceptor(&self) -> Result<TlsAcceptor, TlsError> {
         let bad = |path: &Path, what: &str, error: rustls_pki_types::pem::Error| TlsError::File {
             path: path.to_owned(),
             reason: format!("no {what} in PEM: {error}"),
@@ -67,5 +66,32 @@ impl TlsFiles {
             .map_err(pair)?;
         config.alpn_protocols = vec![b"http/1.1".to_vec()];
         Ok(TlsAcceptor::from(Arc::new(config)))
+    }
+}
+
+/// The certificate in use. Its files can be read again while connections are taken.
+pub(crate) struct Certificates {
+    files: TlsFiles,
+    acceptor: RwLock<TlsAcceptor>,
+}
+
+impl Certificates {
+    /// Reads the files.
+    pub(crate) fn read(files: &TlsFiles) -> Result<Self, TlsError> {
+        Ok(Self {
+            acceptor: RwLock::new(files.acceptor()?),
+            files: files.clone(),
+        })
+    }
+
+    /// Reads the files again. New connections get what is in them; if they cannot be used, what was there stays.
+    pub(crate) fn renew(&self) -> Result<(), TlsError> {
+        let acceptor = self.files.acceptor()?;
+        *self.acceptor.write().unwrap_or_else(PoisonError::into_inner) = acceptor;
+        Ok(())
+    }
+
+    pub(super) fn acceptor(&self) -> TlsAcceptor {
+        self.acceptor.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

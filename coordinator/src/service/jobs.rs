@@ -32,8 +32,9 @@ impl Service {
             .await?;
         caller.within("bundle_bytes", used, Some(most))?;
         let mut missing = Vec::new();
-        for (blob, _) in manifest.blobs() {
-            if self.stores.scenes.size(blob.into()).await?.is_none() && missing.last() != Some(&blob) {
+        for (blob, bytes) in manifest.blobs() {
+            // One that was cut short, as by a disk that failed, is missing as well.
+            if self.stores.scenes.size(blob.into()).await? != Some(bytes) && missing.last() != Some(&blob) {
                 missing.push(blob);
             }
         }
@@ -46,7 +47,8 @@ impl Service {
         Ok(found.ok_or_else(|| Problem::new(ErrorCode::NotFound, format!("there is no bundle {hash}")))?)
     }
 
-    /// Receives a file that some bundle names. Returns whether it is new.
+    /// Receives a file that some bundle names, and puts it in the place of what is there, which may be damaged. Returns
+    /// whether it was missing or cut short.
     pub async fn put_blob<S, E>(&self, hash: BlobHash, mut body: S) -> Result<bool, ServiceError>
     where
         S: Stream<Item = Result<Bytes, E>> + Unpin,
@@ -56,10 +58,8 @@ impl Service {
             let detail = format!("no bundle names a file {hash}: send the manifest first");
             return Err(Problem::new(ErrorCode::NotFound, detail).into());
         };
-        let mut staged = match self.stores.scenes.size(hash.into()).await? {
-            Some(_) => None,
-            None => Some(self.stores.scenes.stage(hash.into()).await?),
-        };
+        let known = self.stores.scenes.size(hash.into()).await?;
+        let mut staged = self.stores.scenes.stage(hash.into()).await?;
         let mut received = 0;
         while let Some(piece) = next_piece(&mut body).await? {
             received += piece.len() as u64;
@@ -67,15 +67,10 @@ impl Service {
                 let detail = format!("the file is longer than the {limit} bytes of its manifest");
                 return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());
             }
-            if let Some(staged) = &mut staged {
-                staged.write(&piece).await?;
-            }
+            staged.write(&piece).await?;
         }
-        let new = staged.is_some();
-        if let Some(staged) = staged {
-            staged.publish().await?;
-        }
-        Ok(new)
+        staged.publish().await?;
+        Ok(known != Some(received))
     }
 
     /// Submits a job; with a key, once only. Returns whether it is new.

@@ -35,6 +35,7 @@ use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
 use std::hash::{BuildHasher, RandomState};
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
 use tokio::sync::{Mutex, RwLock, Semaphore, watch};
 
@@ -75,6 +76,8 @@ pub struct Service {
     uploads: Semaphore,
     pictures: Semaphore,
     shared: shared::Shared,
+    /// Connections that were refused, since their address had too many.
+    pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
     publishing: RwLock<()>,
 }
@@ -117,6 +120,7 @@ impl Service {
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
             shared: shared::Shared::default(),
+            refused_connections: Arc::default(),
             publishing: RwLock::default(),
         });
         if !service.stores.state.is_shared() {

@@ -9,6 +9,7 @@ use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::token::Usage;
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
 /// Rows as a database would have them.
@@ -155,6 +156,8 @@ pub(crate) enum NextCommit {
 pub(crate) struct MemoryStore {
     rows: Mutex<Rows>,
     pub(crate) next: Mutex<NextCommit>,
+    /// Whether tokens cannot be read.
+    pub(crate) away: AtomicBool,
 }
 
 impl MemoryStore {
@@ -246,7 +249,10 @@ impl StateStore for MemoryStore {
     }
 
     async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
-        Ok(self.rows().tokens.values().cloned().collect())
+        match self.away.load(Ordering::Relaxed) {
+            true => Err(StoreError::Stopped),
+            false => Ok(self.rows().tokens.values().cloned().collect()),
+        }
     }
 
     async fn remove_token(&self, name: String) -> Result<bool, StoreError> {

@@ -6,10 +6,12 @@ use photonfarm_coordinator::{Config, Coordinator, StartError, open_stores};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::id::BlobHash;
+use photonfarm_proto::job::JobState;
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::token::{NewToken, Quota, Role, TokenList, TokenRequest};
 use reqwest::{Method, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use tokio::net::TcpListener;
 
 fn request(name: &str, role: Role) -> TokenRequest {
@@ -67,30 +69,60 @@ impl Closed {
     }
 }
 
-/// Routes with the roles that they are for, besides `admin`.
-const ROUTES: [(&str, &str, &[Role]); 21] = [
-    ("GET", "jobs", &[Role::Read, Role::Submit]),
-    ("GET", "jobs/1", &[Role::Read, Role::Submit]),
-    ("GET", "jobs/1/image.exr", &[Role::Read, Role::Submit]),
-    ("GET", "jobs/1/image.png", &[Role::Read, Role::Submit]),
-    ("GET", "jobs/99/events", &[Role::Read, Role::Submit]),
-    ("GET", "workers", &[Role::Read, Role::Submit]),
-    ("GET", "openapi.json", &[Role::Read, Role::Submit]),
-    ("GET", "bundles/00", &[Role::Read, Role::Submit, Role::Worker]),
-    ("GET", "blobs/00", &[Role::Read, Role::Submit, Role::Worker]),
-    ("POST", "bundles", &[Role::Submit]),
-    ("PUT", "blobs/00", &[Role::Submit]),
-    ("POST", "jobs", &[Role::Submit]),
-    ("POST", "worker/register", &[Role::Worker]),
-    ("POST", "worker/lease", &[Role::Worker]),
-    ("POST", "worker/nodes", &[Role::Worker]),
-    ("POST", "worker/heartbeat", &[Role::Worker]),
-    ("POST", "worker/statistics", &[Role::Worker]),
-    ("POST", "worker/leave", &[Role::Worker]),
-    ("POST", "tokens", &[]),
-    ("GET", "tokens", &[]),
-    ("DELETE", "tokens/none", &[]),
+const LOOKS: &[Role] = &[Role::Read, Role::Submit];
+const FETCHES: &[Role] = &[Role::Read, Role::Submit, Role::Worker];
+const SENDS: &[Role] = &[Role::Submit];
+const WORKS: &[Role] = &[Role::Worker];
+const RULES: &[Role] = &[];
+
+/// Whom each route is for, besides `admin`. Every route of the router must be here.
+const ROUTES: [(&str, &str, &[Role]); 34] = [
+    ("GET", "/metrics", LOOKS),
+    ("GET", "/v1/jobs", LOOKS),
+    ("GET", "/v1/jobs/{id}", LOOKS),
+    ("GET", "/v1/jobs/{id}/image.exr", LOOKS),
+    ("GET", "/v1/jobs/{id}/image.png", LOOKS),
+    ("GET", "/v1/jobs/{id}/events", LOOKS),
+    ("GET", "/v1/workers", LOOKS),
+    ("GET", "/v1/openapi.json", LOOKS),
+    ("GET", "/v1/bundles/{hash}", FETCHES),
+    ("GET", "/v1/blobs/{hash}", FETCHES),
+    ("POST", "/v1/bundles", SENDS),
+    ("PUT", "/v1/blobs/{hash}", SENDS),
+    ("POST", "/v1/jobs", SENDS),
+    ("DELETE", "/v1/jobs/{id}", SENDS),
+    ("POST", "/v1/jobs/{id}/cancel", SENDS),
+    ("POST", "/v1/jobs/{id}/pause", SENDS),
+    ("POST", "/v1/jobs/{id}/resume", SENDS),
+    ("POST", "/v1/jobs/{id}/extend", SENDS),
+    ("PUT", "/v1/jobs/{id}/priority", SENDS),
+    ("POST", "/v1/worker/register", WORKS),
+    ("POST", "/v1/worker/lease", WORKS),
+    ("POST", "/v1/worker/heartbeat", WORKS),
+    ("POST", "/v1/worker/nodes", WORKS),
+    ("POST", "/v1/worker/nodes/place", WORKS),
+    ("POST", "/v1/worker/nodes/stored", WORKS),
+    ("POST", "/v1/worker/statistics", WORKS),
+    ("POST", "/v1/worker/failures", WORKS),
+    ("POST", "/v1/worker/release", WORKS),
+    ("POST", "/v1/worker/leave", WORKS),
+    ("POST", "/v1/tokens", RULES),
+    ("GET", "/v1/tokens", RULES),
+    ("DELETE", "/v1/tokens/{name}", RULES),
+    ("POST", "/v1/workers/{id}/quarantine", RULES),
+    ("POST", "/v1/workers/{id}/release", RULES),
 ];
+
+#[test]
+fn every_route_of_the_router_is_tried() {
+    let served: BTreeSet<_> = photonfarm_coordinator::routes()
+        .into_iter()
+        .filter(|route| route.roles.is_some())
+        .map(|route| (route.method, route.path))
+        .collect();
+    let tried: BTreeSet<_> = ROUTES.iter().map(|(method, path, _)| (*method, *path)).collect();
+    assert_eq!(served, tried);
+}
 
 #[tokio::test]
 async fn every_route_asks_for_its_role() {
@@ -101,12 +133,18 @@ async fn every_route_asks_for_its_role() {
     }
     for (method, path, roles) in ROUTES {
         let method: Method = method.parse().unwrap();
-        let bare = closed.farm.request(method.clone(), path).send().await.unwrap();
+        let path = path
+            .replace("{id}", "99")
+            .replace("{hash}", "00")
+            .replace("{name}", "none");
+        let url = format!("{}{path}", closed.farm.coordinator.url());
+        let bare = closed.farm.http.request(method.clone(), &url).send().await.unwrap();
         assert_eq!(bare.headers()["www-authenticate"], "Bearer");
         let problem = expect_problem(bare, ErrorCode::Unauthorized).await;
         assert!(problem.detail.contains("Authorization: Bearer"), "{problem}");
         for (role, token) in &tokens {
-            let reply = closed.by(token, method.clone(), path).send().await.unwrap();
+            let reply = closed.farm.http.request(method.clone(), &url).bearer_auth(token);
+            let reply = reply.send().await.unwrap();
             if *role == Role::Admin || roles.contains(role) {
                 let status = reply.status();
                 assert!(
@@ -122,6 +160,43 @@ async fn every_route_asks_for_its_role() {
         }
     }
     assert_eq!(closed.farm.get("healthz").await.status(), StatusCode::OK);
+}
+
+/// Programs of this machine may use a farm without tokens; pages that its browsers show may not.
+#[tokio::test]
+async fn web_pages_do_not_reach_a_farm_without_tokens() {
+    let farm = Farm::start().await;
+    let job = farm.submit(1).await;
+    let cancel = format!("jobs/{job}/cancel");
+    let post = |name: &str, value: &str| farm.request(Method::POST, &cancel).header(name, value).send();
+    for (name, value, code) in [
+        ("host", "rebound.example", ErrorCode::Forbidden),
+        ("origin", "http://evil.example", ErrorCode::Forbidden),
+        ("sec-fetch-site", "cross-site", ErrorCode::Forbidden),
+        ("content-type", "text/plain", ErrorCode::UnsupportedMediaType),
+        (
+            "content-type",
+            "application/x-www-form-urlencoded",
+            ErrorCode::UnsupportedMediaType,
+        ),
+    ] {
+        expect_problem(post(name, value).await.unwrap(), code).await;
+    }
+    let read = farm.request(Method::GET, "jobs").header("host", "rebound.example");
+    let problem = expect_problem(read.send().await.unwrap(), ErrorCode::Forbidden).await;
+    assert!(problem.detail.contains("token create"), "{problem}");
+    assert_eq!(farm.status(job).await.state, JobState::Queued);
+    let own = farm.request(Method::POST, &cancel).send().await.unwrap();
+    assert_eq!(own.status(), StatusCode::OK);
+    let closed = Closed::start().await;
+    let named = closed
+        .by(&closed.admin, Method::GET, "jobs")
+        .header("host", "farm.example");
+    assert_eq!(
+        named.send().await.unwrap().status(),
+        StatusCode::OK,
+        "a token is enough"
+    );
 }
 
 #[tokio::test]

@@ -241,3 +241,53 @@ async fn a_coordinator_stays_on_its_machine_and_alone_in_its_folder() {
     assert!(matches!(second, Err(StartError::Store(_))));
     first.shutdown().await;
 }
+
+/// A file that was cut short on the disk is asked for again, and a new one takes its place; so does one of other bytes.
+#[tokio::test]
+async fn damaged_files_are_repaired_by_sending_them_again() {
+    let farm = Farm::start().await;
+    let bundle = farm.bundle().await;
+    let hash = BlobHash::of(SCENE);
+    let digits = hash.to_string();
+    let file = farm._folder.path().join("scenes").join(&digits[..2]).join(&digits[2..]);
+    let manifest: Value = farm.get(&format!("bundles/{bundle}")).await.json().await.unwrap();
+    for (damage, missing) in [(&SCENE[..3], vec![hash]), (b"<scene?>".as_slice(), vec![])] {
+        std::fs::write(&file, damage).unwrap();
+        let reply: BundleReply = farm.post_json("bundles", &manifest).await.json().await.unwrap();
+        assert_eq!(reply.missing, missing);
+        let put = farm.request(Method::PUT, &format!("blobs/{hash}")).body(SCENE);
+        assert!(put.send().await.unwrap().status().is_success());
+        assert_eq!(std::fs::read(&file).unwrap(), SCENE);
+    }
+    farm.submit(1).await;
+}
+
+#[tokio::test]
+async fn event_streams_pass_proxies_and_go_on_where_they_broke() {
+    let farm = Farm::start().await;
+    let job = farm.submit(1).await;
+    let path = format!("jobs/{job}/events");
+    let mut first = farm.get(&path).await;
+    assert_eq!(first.headers()["x-accel-buffering"], "no");
+    assert_eq!(first.headers()["cache-control"], "no-cache");
+    let event = first.chunk().await.unwrap().unwrap();
+    let field = |text: &str, name: &str| {
+        let mut lines = text.lines().filter_map(|line| line.strip_prefix(name));
+        lines
+            .next()
+            .map(|value| value.trim_start_matches(':').trim().to_owned())
+    };
+    let event = String::from_utf8(event.into()).unwrap();
+    assert_eq!(field(&event, "retry").as_deref(), Some("1000"));
+    let id = field(&event, "id").unwrap();
+    let ask = |id: String| farm.request(Method::GET, &path).header("last-event-id", id).send();
+    let again = ask(id.clone()).await.unwrap();
+    let cancel = farm.request(Method::POST, &format!("jobs/{job}/cancel")).send();
+    assert_eq!(cancel.await.unwrap().status(), StatusCode::OK);
+    let rest = again.text().await.unwrap();
+    assert!(rest.starts_with("event: end"), "what came already came again: {rest}");
+    let end = field(&rest, "id").unwrap();
+    assert_eq!(ask(end).await.unwrap().status(), StatusCode::NO_CONTENT);
+    let old = ask(id).await.unwrap().text().await.unwrap();
+    assert!(old.starts_with("event: end"), "{old}");
+}

@@ -171,7 +171,7 @@ async fn peers_that_dawdle_are_cut_off() {
     hang(&farm, b"GET /v1/healthz HT").await;
     hang(&farm, b"GET /v1/healthz HTTP/1.1\r\nhost: x\r\nx: ").await;
     hang(&farm, b"GET /v1/healthz HTTP/1.1\r\nhost: x\r\n\r\n").await;
-    let post = "POST /v1/jobs HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\n";
+    let post = "POST /v1/jobs HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n";
     let said = hang(&farm, format!("{post}content-length: 100\r\n\r\n{{").as_bytes()).await;
     assert!(said.starts_with("HTTP/1.1 400") && said.contains("malformed"), "{said}");
     let said = hang(
@@ -221,4 +221,83 @@ async fn connections_beyond_the_limit_wait_for_a_place() {
         "a place that is free again was not given"
     );
     assert_eq!(&said, b"HTTP/1.1 200");
+}
+
+/// A connection too many of an address is closed at once; the others go on, and there is room again when one ends.
+#[tokio::test]
+async fn an_address_has_a_bounded_number_of_connections() {
+    let farm = Farm::start_with(|config| config.connections_per_address = 2).await;
+    let request = b"GET /v1/healthz HTTP/1.1\r\nhost: localhost\r\n\r\n";
+    let connect = async || TcpStream::connect(farm.coordinator.address()).await.unwrap();
+    let served = async |stream: &mut TcpStream| {
+        let mut said = [0; 12];
+        let asked = stream.write_all(request).await.is_ok() && stream.read_exact(&mut said).await.is_ok();
+        asked && &said == b"HTTP/1.1 200"
+    };
+    let mut held = [connect().await, connect().await];
+    for stream in &mut held {
+        assert!(served(stream).await);
+    }
+    assert!(!served(&mut connect().await).await, "a third connection was served");
+    for stream in &mut held {
+        let mut rest = [0; 4096];
+        assert!(stream.read(&mut rest).await.unwrap() > 0);
+        assert!(served(stream).await, "a connection that was there before");
+    }
+    drop(held);
+    let again = async {
+        while !served(&mut connect().await).await {
+            tokio::task::yield_now().await;
+        }
+    };
+    assert!(
+        tokio::time::timeout(DEADLINE, again).await.is_ok(),
+        "a place that is free again was not given"
+    );
+}
+
+/// A reader that stops is cut off, so that its place is free again; what it was being sent is not kept in memory.
+#[tokio::test]
+async fn readers_that_stop_are_cut_off() {
+    let farm = Farm::start_with(|config| {
+        config.connections = 1;
+        config.timeouts.stall = Duration::from_millis(100);
+        config.timeouts.bytes_per_second = u64::MAX;
+    })
+    .await;
+    let text = vec![b'x'; 64 << 20];
+    let hash = photonfarm_proto::id::BlobHash::of(&text);
+    let manifest = serde_json::json!({"files": {"scene.xml": {"hash": hash, "bytes": text.len()}}});
+    let once = |method, path: &str| farm.request(method, path).header("connection", "close");
+    let announce = once(reqwest::Method::POST, "bundles").json(&manifest);
+    assert_eq!(announce.send().await.unwrap().status(), StatusCode::OK);
+    let put = once(reqwest::Method::PUT, &format!("blobs/{hash}")).body(text);
+    assert_eq!(put.send().await.unwrap().status(), StatusCode::CREATED);
+    let coordinator = &farm.coordinator;
+    let mut reader = TcpStream::connect(coordinator.address()).await.unwrap();
+    let get = format!("GET /v1/blobs/{hash} HTTP/1.1\r\nhost: localhost\r\n\r\n");
+    reader.write_all(get.as_bytes()).await.unwrap();
+    let fresh = Client::builder().no_proxy().build().unwrap();
+    let next = fresh.get(format!("{}/v1/healthz", coordinator.url())).send();
+    let next = tokio::time::timeout(DEADLINE, next).await;
+    assert!(next.is_ok_and(|reply| reply.is_ok()), "the reader held its place");
+    drop(reader);
+}
+
+#[tokio::test]
+async fn a_certificate_is_renewed_while_the_farm_runs() {
+    let (folder, farm, old) = encrypted().await;
+    let url = format!("{}/v1/healthz", farm.coordinator.url());
+    let knows = async |authority: &Certificate| client(Some(authority)).get(&url).send().await.is_ok();
+    std::fs::write(folder.path().join("farm.pem"), "nonsense").unwrap();
+    let error = farm.coordinator.renew_certificates().unwrap_err();
+    assert!(error.to_string().contains("farm.pem"), "{error}");
+    assert!(
+        knows(&old).await,
+        "a certificate that cannot be used took the place of one that can"
+    );
+    let (_files, new) = certificate(folder.path());
+    assert!(farm.coordinator.renew_certificates().unwrap());
+    assert!(knows(&new).await && !knows(&old).await);
+    assert!(!Farm::start().await.coordinator.renew_certificates().unwrap());
 }

@@ -28,7 +28,7 @@ fn raw(target: &Target, head: &[u8], filler: &[u8]) -> String {
 fn huge_and_endless_bodies() {
     let target = Target::start();
     let post = |path: &str, kind: &str, length: &str| {
-        format!("POST {path} HTTP/1.1\r\nhost: farm\r\ncontent-type: {kind}\r\n{length}\r\n\r\n").into_bytes()
+        format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {kind}\r\n{length}\r\n\r\n").into_bytes()
     };
     let chunk = [b"10000\r\n".as_slice(), &[b' '; 0x10000], b"\r\n"].concat();
     for (path, kind) in [

@@ -367,7 +367,7 @@ fn drip(client: &Client, upload: &NodeUpload, bytes_per_second: u64, ended: &Ato
         };
         stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
         let head = format!(
-            "POST /v1/worker/nodes HTTP/1.1\r\nhost: farm\r\ncontent-type: {MESSAGE_MEDIA_TYPE}\r\ntransfer-encoding: \
+            "POST /v1/worker/nodes HTTP/1.1\r\nhost: localhost\r\ncontent-type: {MESSAGE_MEDIA_TYPE}\r\ntransfer-encoding: \
              chunked\r\n\r\n"
         );
         let frame = frame_upload(upload).unwrap();

@@ -1,0 +1,87 @@
+//! Long answers on their way to slow readers: in a file without a name, and not in memory.
+
+use super::ApiError;
+use axum::body::Body;
+use axum::http::header::CONTENT_LENGTH;
+use axum::response::Response;
+use futures_util::StreamExt;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use std::io::{Seek, Write};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_util::io::ReaderStream;
+
+/// Long answers under way at once; more wait for a moment, then are to come again.
+const ANSWERS: usize = 64;
+/// Long answers in memory at once, until they are in their files.
+const MAKING: usize = 4;
+/// How long an answer waits for its turn.
+const WAIT: Duration = Duration::from_secs(20);
+/// Shorter answers stay in memory [bytes].
+const SHORT: usize = 1 << 20;
+
+/// Bounds the long answers that are made and sent.
+pub(super) struct Spool {
+    answers: Arc<Semaphore>,
+    making: Semaphore,
+}
+
+impl Default for Spool {
+    fn default() -> Self {
+        Self {
+            answers: Arc::new(Semaphore::new(ANSWERS)),
+            making: Semaphore::new(MAKING),
+        }
+    }
+}
+
+impl Spool {
+    /// Makes an answer, head and body, and moves the body to a file; its reader then takes disk for as long as it likes,
+    /// and no memory.
+    pub(super) async fn answer<F>(&self, make: F) -> Result<Response, ApiError>
+    where
+        F: Future<Output = Result<(Response, Option<Vec<u8>>), ApiError>>,
+    {
+        let busy = || {
+            Problem::new(
+                ErrorCode::Unavailable,
+                "too many pictures are being sent: try again soon",
+            )
+            .after(5)
+        };
+        let turn = tokio::time::timeout(WAIT, async {
+            let answer = self.answers.clone().acquire_owned().await.ok()?;
+            Some((answer, self.making.acquire().await.ok()?))
+        });
+        let (answer, _making) = turn.await.ok().flatten().ok_or_else(busy)?;
+        let (mut response, bytes) = make.await?;
+        if let Some(bytes) = bytes {
+            response.headers_mut().insert(CONTENT_LENGTH, bytes.len().into());
+            *response.body_mut() = match bytes.len() {
+                0..=SHORT => bytes.into(),
+                _ => stream(bytes, answer).await?,
+            };
+        }
+        Ok(response)
+    }
+}
+
+async fn stream(bytes: Vec<u8>, answer: OwnedSemaphorePermit) -> Result<Body, ApiError> {
+    let file = tokio::task::spawn_blocking(move || {
+        let mut file = tempfile::tempfile()?;
+        file.write_all(&bytes)?;
+        file.rewind()?;
+        Ok::<_, std::io::Error>(file)
+    });
+    let file = file.await.map_err(std::io::Error::other).flatten().map_err(|error| {
+        let folder = std::env::temp_dir();
+        tracing::error!(%error, folder = %folder.display(), "a picture could not be put aside to be sent");
+        Problem::new(ErrorCode::Internal, "the coordinator could not do it; its log says why")
+    })?;
+    let pieces = ReaderStream::with_capacity(tokio::fs::File::from_std(file), 64 << 10);
+    Ok(Body::from_stream(pieces.map(move |piece| {
+        let _until_the_last = &answer;
+        piece
+    })))
+}

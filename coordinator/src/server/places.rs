@@ -1,0 +1,77 @@
+//! How many connections there may be at once: of all addresses, and of each.
+
+use crate::access::network;
+use std::collections::HashMap;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Places of each address.
+#[derive(Clone)]
+pub(super) struct Places {
+    most: usize,
+    taken: Arc<Mutex<HashMap<IpAddr, usize>>>,
+}
+
+/// A place that is free again when it is dropped.
+pub(super) struct Place {
+    address: IpAddr,
+    taken: Arc<Mutex<HashMap<IpAddr, usize>>>,
+}
+
+impl Places {
+    pub(super) fn new(most: usize) -> Self {
+        Self {
+            most,
+            taken: Arc::default(),
+        }
+    }
+
+    /// A place for a connection from this address, if it has one left.
+    pub(super) fn take(&self, peer: IpAddr) -> Option<Place> {
+        let address = network(peer);
+        let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        let number = taken.entry(address).or_default();
+        if *number == self.most {
+            return None;
+        }
+        *number += 1;
+        Some(Place {
+            address,
+            taken: self.taken.clone(),
+        })
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(number) = taken.get_mut(&self.address) {
+            *number -= 1;
+            if *number == 0 {
+                taken.remove(&self.address);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_address_has_its_places() {
+        let places = Places::new(2);
+        let take = |address: &str| places.take(address.parse().unwrap());
+        let first = take("10.0.0.1");
+        let second = take("::ffff:10.0.0.1");
+        assert!(first.is_some() && second.is_some() && take("10.0.0.1").is_none());
+        assert!(take("10.0.0.2").is_some(), "another address");
+        drop(first);
+        assert!(take("10.0.0.1").is_some());
+        drop(second);
+        assert!(
+            places.taken.lock().unwrap().is_empty(),
+            "nothing is remembered of who has gone"
+        );
+    }
+}
