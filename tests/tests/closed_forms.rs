@@ -110,6 +110,27 @@ fn uniform_sphere() {
     check(&scene, &pcf(0.1, 20_000, None), 64, 2.0, 0.01);
 }
 
+/// The same sphere with a sun outside, 80 million times as strong: its light stays outside, and the lamp inside must be found all the
+/// same, whichever comes first.
+#[test]
+fn uniform_sphere_with_a_sun_outside() {
+    let lamp = r#"<shape type="sphere">
+        <boolean name="flip_normals" value="true"/>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
+        <emitter type="area"><rgb name="radiance" value="1"/></emitter>
+    </shape>"#;
+    let sun = r#"<emitter type="directional">
+        <vector name="direction" value="0, -1, 0"/><rgb name="irradiance" value="1e9"/>
+    </emitter>"#;
+    for shapes in [format!("{lamp}{sun}"), format!("{sun}{lamp}")] {
+        let scene = load(&shapes, 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
+        check(&scene, &path(None), 64, 2.0, 0.0);
+        check(&scene, &pppm(0.1, None), 64, 2.0, 0.01);
+        check(&scene, &sppm(0.1, None), 64, 2.0, 0.01);
+        check(&scene, &pcf(0.1, 20_000, None), 64, 2.0, 0.01);
+    }
+}
+
 /// Under the middle of a disc of radius `R` at height `h` irradiance is `pi Le R^2 / (R^2 + h^2)`, so a diffuse floor shows
 /// `rho Le R^2 / (R^2 + h^2)`: here 0.6 * 3 * 0.25 / (0.25 + 1). Within 0.05 of the middle it changes by less than 1 %.
 #[test]

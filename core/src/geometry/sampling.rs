@@ -2,7 +2,7 @@
 
 use super::{Geometry, Shape, ShapeId, SurfacePoint};
 use crate::math::warp::{square_to_disk, square_to_sphere, square_to_triangle};
-use crate::math::{Discrete, Frame, PI, TAU, Vec2, Vec3, safe_sqrt, sin_cos};
+use crate::math::{DVec2, Discrete, Frame, PI, TAU, Vec2, Vec3, safe_sqrt, sin_cos, to_unit_f32, to_unit_vec2};
 
 /// Samples the points of one shape.
 #[derive(Debug)]
@@ -78,25 +78,29 @@ impl ShapeSampler {
 
     /// A point uniform by area, density `1 / area`; `None` for a shape without area.
     #[must_use]
-    pub fn sample(&self, geometry: &Geometry, u: Vec2) -> Option<SurfacePoint> {
+    pub fn sample(&self, geometry: &Geometry, u: DVec2) -> Option<SurfacePoint> {
         match &self.kind {
             Kind::Mesh(triangles) => {
                 let (triangle, rest) = triangles.sample(u.x)?;
-                geometry.point_on_triangle(self.shape, triangle as u32, square_to_triangle(Vec2::new(rest, u.y)))
+                geometry.point_on_triangle(
+                    self.shape,
+                    triangle as u32,
+                    square_to_triangle(Vec2::new(rest, to_unit_f32(u.y))),
+                )
             }
-            Kind::Sphere { .. } => geometry.point_on_curved(self.shape, square_to_sphere(u)),
-            Kind::Disk => geometry.point_on_curved(self.shape, square_to_disk(u).extend(0.0)),
+            Kind::Sphere { .. } => geometry.point_on_curved(self.shape, square_to_sphere(to_unit_vec2(u))),
+            Kind::Disk => geometry.point_on_curved(self.shape, square_to_disk(to_unit_vec2(u)).extend(0.0)),
         }
     }
 
     /// A point for a connection from `from`: on a sphere seen from outside uniform within the cone that it fills,
     /// otherwise uniform by area. `None` where the point is seen edge-on or lies at `from`.
     #[must_use]
-    pub fn sample_towards(&self, geometry: &Geometry, from: Vec3, u: Vec2) -> Option<TowardsSample> {
+    pub fn sample_towards(&self, geometry: &Geometry, from: Vec3, u: DVec2) -> Option<TowardsSample> {
         if let Kind::Sphere { center, radius } = self.kind
             && let Some(cone) = Cone::of_sphere(center, radius, from)
         {
-            return cone.sample(geometry, self.shape, from, u);
+            return cone.sample(geometry, self.shape, from, to_unit_vec2(u));
         }
         let point = self.sample(geometry, u)?;
         let offset = point.position - from;

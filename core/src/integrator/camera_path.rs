@@ -90,7 +90,7 @@ pub(super) fn radiance<'a>(
         });
         if edges >= ROULETTE_EDGES {
             let survival = (throughput.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
-            if random.next_1d() >= survival {
+            if random.next_choice() >= f64::from(survival) {
                 break;
             }
             throughput *= 1.0 / survival;
@@ -133,7 +133,7 @@ fn area_pdf(tracer: &Tracer, light: LightId, from: Vec3, hit: &SurfacePoint) -> 
 
 /// Direct light at a vertex by one connection with a light.
 fn next_event(tracer: &mut Tracer, vertex: &Vertex, random: &mut PathRandom) -> Spectrum {
-    let (choice, u) = (random.next_1d(), random.next_2d());
+    let (choice, u) = (random.next_choice(), random.next_choice_2d());
     let scene = tracer.scene;
     let Some(light) = scene
         .lights

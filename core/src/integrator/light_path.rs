@@ -78,7 +78,8 @@ impl LightPaths {
     fn trace_one<'a>(&self, tracer: &mut Tracer<'a>, path: u32, mut arrive: impl FnMut(&Arrival<'a, '_>)) {
         let mut random = self.sequence.path(path);
         let scene = tracer.scene;
-        let (choice, u_position, u_direction) = (random.next_1d(), random.next_2d(), random.next_2d());
+        let (choice, u_position, u_direction) =
+            (random.next_choice(), random.next_choice_2d(), random.next_choice_2d());
         let Some(start) = scene
             .lights
             .sample_emission(&scene.geometry, choice, u_position, u_direction)
@@ -104,7 +105,7 @@ impl LightPaths {
             let next = flux * vertex.continuation_weight(&scattered);
             let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };
             let survival = (next.max_component() / flux.max_component()).min(highest);
-            if survival.is_nan() || random.next_1d() >= survival {
+            if survival.is_nan() || random.next_choice() >= f64::from(survival) {
                 return;
             }
             flux = next * (1.0 / survival);

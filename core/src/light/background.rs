@@ -1,6 +1,6 @@
 use super::environment::Environment;
 use crate::math::warp::square_to_sphere;
-use crate::math::{FRAC_1_PI, Vec2, Vec3};
+use crate::math::{DVec2, FRAC_1_PI, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
 
 /// A light at infinity that fills directions. Directions are unit vectors towards it.
@@ -22,9 +22,9 @@ impl Background {
     }
 
     /// A direction with density [`Self::pdf`].
-    pub(super) fn sample(&self, u: Vec2) -> Option<Vec3> {
+    pub(super) fn sample(&self, u: DVec2) -> Option<Vec3> {
         match self {
-            Self::Constant(_) => Some(square_to_sphere(u)),
+            Self::Constant(_) => Some(square_to_sphere(to_unit_vec2(u))),
             Self::Environment(environment) => environment.sample(u),
         }
     }

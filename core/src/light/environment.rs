@@ -6,7 +6,7 @@
 //! within it in proportion to the interpolated luminance. So the density follows the looked-up radiance but for the
 //! sine within one cell.
 
-use crate::math::{Discrete, PI, TAU, Transform, Vec2, Vec3, atan2, sin, sin_cos};
+use crate::math::{DVec2, Discrete, PI, TAU, Transform, Vec2, Vec3, atan2, sin, sin_cos};
 use crate::spectrum::Spectrum;
 use crate::texture::Bitmap;
 use std::sync::Arc;
@@ -129,7 +129,7 @@ impl Environment {
     }
 
     /// A direction with density [`Self::pdf`]; `None` for a black image.
-    pub(super) fn sample(&self, u: Vec2) -> Option<Vec3> {
+    pub(super) fn sample(&self, u: DVec2) -> Option<Vec3> {
         let (row, rest_y) = self.rows.sample(u.y)?;
         let (column, rest_x) = self.columns[row].sample(u.x)?;
         let [a, b, c, d] = luminances(&self.image, column, row);

@@ -12,7 +12,7 @@ mod tests;
 
 use crate::geometry::{Geometry, Ray, ShapeId, ShapeSampler, SurfacePoint};
 use crate::math::warp::{square_to_cosine_hemisphere, square_to_disk, square_to_sphere};
-use crate::math::{Discrete, Frame, PI, Transform, Vec2, Vec3};
+use crate::math::{DVec2, Discrete, Frame, PI, Transform, Vec2, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, Texture};
 use background::Background;
@@ -100,7 +100,12 @@ pub enum Light {
     },
 }
 
-/// The scene's lights, and the probability with which each is chosen: in proportion to its power.
+/// Share of the choices among lights that all lights have equal parts of, however weak (a defensive mixture: Hesterberg 1995); the
+/// others are in proportion to power. A sun that shines at the outside of a house would leave its lamps almost no path otherwise. It
+/// takes at most a tenth of the paths from where power would send them.
+const DEFENSIVE: f64 = 0.1;
+
+/// The scene's lights, and the probability with which each is chosen: mostly in proportion to its power ([`DEFENSIVE`]).
 #[derive(Debug)]
 pub struct Lights {
     sources: Vec<Source>,
@@ -188,33 +193,35 @@ impl Source {
     }
 
     /// Flux of a light path over the probability of choosing the source, and its ray.
-    fn emit(&self, geometry: &Geometry, world: &World, u: Vec2, v: Vec2) -> Option<EmissionSample> {
+    fn emit(&self, geometry: &Geometry, world: &World, u: DVec2, v: DVec2) -> Option<EmissionSample> {
         let (ray, flux) = match self {
             Self::Area { sampler, radiance } => {
                 let point = sampler.sample(geometry, u)?;
-                let direction = Frame::from_normal(point.geometric_normal).to_world(square_to_cosine_hemisphere(v));
+                let direction =
+                    Frame::from_normal(point.geometric_normal).to_world(square_to_cosine_hemisphere(to_unit_vec2(v)));
                 let ray = point.ray_towards(direction.normalize());
                 (ray, radiance.eval(point.uv) * (PI * sampler.area()))
             }
             Self::Point { position, intensity } => {
                 let ray = Ray {
                     origin: *position,
-                    direction: square_to_sphere(v),
+                    direction: square_to_sphere(to_unit_vec2(v)),
                     max_distance: f32::INFINITY,
                 };
                 (ray, *intensity * (4.0 * PI))
             }
-            Self::Spot(spot) => spot.emit(v),
-            Self::Directional { direction, irradiance } => {
-                (world.ray(*direction, u), *irradiance * world.cross_section())
-            }
+            Self::Spot(spot) => spot.emit(to_unit_vec2(v)),
+            Self::Directional { direction, irradiance } => (
+                world.ray(*direction, to_unit_vec2(u)),
+                *irradiance * world.cross_section(),
+            ),
             Self::Background(background) => {
                 let towards = background.sample(v)?;
                 let pdf = background.pdf(towards);
                 if pdf <= 0.0 {
                     return None;
                 }
-                let ray = world.ray(-towards, u);
+                let ray = world.ray(-towards, to_unit_vec2(u));
                 (ray, background.radiance(towards) * (world.cross_section() / pdf))
             }
         };
@@ -232,12 +239,12 @@ impl Lights {
             .iter()
             .map(|source| f64::from(source.power(&world).max(0.0)))
             .collect();
-        let choice = Discrete::new(powers.iter().copied());
-        let total = choice.total();
-        let share = |power: &f64| if total > 0.0 { (power / total) as f32 } else { 0.0 };
+        let choice = Discrete::new(shares(&powers).into_iter());
         Self {
+            probabilities: (0..sources.len())
+                .map(|index| choice.probability(index) as f32)
+                .collect(),
             sources,
-            probabilities: powers.iter().map(share).collect(),
             choice,
             world,
         }
@@ -251,7 +258,7 @@ impl Lights {
 
     /// Connects `from` with a light. `choice` selects the light, `u` the point on it. `None` where nothing can arrive.
     #[must_use]
-    pub fn sample_direct(&self, geometry: &Geometry, from: Vec3, choice: f32, u: Vec2) -> Option<LightSample> {
+    pub fn sample_direct(&self, geometry: &Geometry, from: Vec3, choice: f64, u: DVec2) -> Option<LightSample> {
         let (index, _) = self.choice.sample(choice)?;
         let probability = self.probabilities[index];
         let towards = |position: Vec3| {
@@ -347,9 +354,9 @@ impl Lights {
     pub fn sample_emission(
         &self,
         geometry: &Geometry,
-        choice: f32,
-        u_position: Vec2,
-        u_direction: Vec2,
+        choice: f64,
+        u_position: DVec2,
+        u_direction: DVec2,
     ) -> Option<EmissionSample> {
         let (index, _) = self.choice.sample(choice)?;
         let EmissionSample { ray, flux } = self.sources[index].emit(geometry, &self.world, u_position, u_direction)?;
@@ -369,6 +376,20 @@ impl Lights {
                 _ => None,
             })
     }
+}
+
+/// The share of choices of each light of the given powers; none for a light without power.
+fn shares(powers: &[f64]) -> Vec<f64> {
+    let total: f64 = powers.iter().sum();
+    let shining = powers.iter().filter(|power| **power > 0.0).count();
+    let share = |power: &f64| {
+        if *power > 0.0 {
+            (1.0 - DEFENSIVE) * power / total + DEFENSIVE / shining as f64
+        } else {
+            0.0
+        }
+    };
+    powers.iter().map(share).collect()
 }
 
 /// Whether the outer side of the surface looks along `wo`.

@@ -1,10 +1,13 @@
-use super::ONE_MINUS_EPSILON;
+use super::to_unit_f32;
 
 /// A choice among finitely many, with given probabilities.
+///
+/// Sums and uniform numbers have double precision: among numbers of 24 bits a share below 2^-24 would be chosen never, or, as
+/// the first one, by 0 alone and so with the share 2^-24.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Discrete {
     /// For each entry the probability of it or an earlier one; exactly 1 from the last entry of positive weight.
-    cumulative: Vec<f32>,
+    cumulative: Vec<f64>,
     /// Sum of the weights.
     total: f64,
 }
@@ -21,7 +24,7 @@ impl Discrete {
             .collect();
         let cumulative = sums
             .iter()
-            .map(|sum| if *sum < total { (sum / total) as f32 } else { 1.0 })
+            .map(|sum| if *sum < total { sum / total } else { 1.0 })
             .collect();
         Self { cumulative, total }
     }
@@ -31,9 +34,17 @@ impl Discrete {
         self.total
     }
 
+    /// The probability of an entry; zero if every weight is zero.
+    pub(crate) fn probability(&self, index: usize) -> f64 {
+        if self.total <= 0.0 {
+            return 0.0;
+        }
+        self.cumulative[index] - self.below(index)
+    }
+
     /// The entry for the uniform number `u`, and a new uniform number made of what `u` has left. `None` if every
     /// weight is zero. An entry of weight zero is never returned.
-    pub(crate) fn sample(&self, u: f32) -> Option<(usize, f32)> {
+    pub(crate) fn sample(&self, u: f64) -> Option<(usize, f32)> {
         if self.total <= 0.0 {
             return None;
         }
@@ -41,15 +52,25 @@ impl Discrete {
             .cumulative
             .partition_point(|c| *c <= u)
             .min(self.cumulative.len() - 1);
-        let lower = if index > 0 { self.cumulative[index - 1] } else { 0.0 };
-        let rest = (u - lower) / (self.cumulative[index] - lower);
-        Some((index, rest.clamp(0.0, ONE_MINUS_EPSILON)))
+        let rest = (u - self.below(index)) / self.probability(index);
+        Some((index, to_unit_f32(rest)))
+    }
+
+    /// The probability of the entries before `index`.
+    fn below(&self, index: usize) -> f64 {
+        index.checked_sub(1).map_or(0.0, |before| self.cumulative[before])
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Number of values that a uniform number of 53 bits takes.
+    const GRID: u64 = 1 << 53;
+
+    /// The largest uniform number.
+    const LAST: f64 = (GRID - 1) as f64 / GRID as f64;
 
     #[test]
     fn entries_are_chosen_in_proportion_and_the_rest_is_uniform() {
@@ -59,8 +80,54 @@ mod tests {
         assert_eq!(discrete.sample(0.125), Some((1, 0.5)));
         assert_eq!(discrete.sample(0.25), Some((3, 0.0)));
         assert_eq!(discrete.sample(0.625), Some((3, 0.5)));
-        assert_eq!(discrete.sample(ONE_MINUS_EPSILON).unwrap().0, 3);
+        let (last, rest) = discrete.sample(LAST).unwrap();
+        assert!(last == 3 && rest < 1.0);
         assert_eq!(Discrete::new([0.0, 0.0].into_iter()).sample(0.5), None);
         assert_eq!(Discrete::new(std::iter::empty()).sample(0.5), None);
+    }
+
+    /// How many of the [`GRID`] uniform numbers choose each entry. The entry does not decrease with the number, so that
+    /// bisection finds where each begins.
+    fn chosen(discrete: &Discrete, entries: usize) -> Vec<u64> {
+        let entry = |number: u64| discrete.sample(number as f64 / GRID as f64).unwrap().0;
+        let begin = |index: usize| {
+            let (mut low, mut high) = (0, GRID);
+            while low < high {
+                let middle = low + (high - low) / 2;
+                if entry(middle) < index {
+                    low = middle + 1;
+                } else {
+                    high = middle;
+                }
+            }
+            low
+        };
+        let begins: Vec<u64> = (0..=entries).map(begin).collect();
+        begins.windows(2).map(|pair| pair[1] - pair[0]).collect()
+    }
+
+    /// Over the whole grid of uniform numbers each entry is chosen with its share, the first and the last one as well.
+    #[test]
+    fn tiny_shares_are_met_over_all_uniform_numbers() {
+        let tiny = 1.0 / f64::from(1_u32 << 30);
+        let many: Vec<f64> = (0..100_000).map(|i| 1.0 + f64::from(i % 7) * 1e6).collect();
+        for weights in [
+            vec![1e-9, 1.0, tiny],
+            vec![1.0, 1e-9, 0.0, tiny],
+            vec![tiny, 1e-9, 1.0, 1e-12, 0.0],
+            vec![0.0, 1e9, 1.0],
+            many,
+        ] {
+            let discrete = Discrete::new(weights.iter().copied());
+            let some = weights.len().min(300);
+            for (index, count) in chosen(&discrete, some).into_iter().enumerate() {
+                let share = weights[index] / discrete.total();
+                let met = count as f64 / GRID as f64;
+                assert!((met - share).abs() <= 1e-3 * share, "entry {index}: {met} for {share}");
+                assert!((discrete.probability(index) - met).abs() <= 1.0 / GRID as f64);
+            }
+            assert!(weights[discrete.sample(0.0).unwrap().0] > 0.0);
+            assert!(weights[discrete.sample(LAST).unwrap().0] > 0.0);
+        }
     }
 }

@@ -11,7 +11,7 @@ pub mod warp;
 
 pub(crate) use discrete::Discrete;
 pub use frame::Frame;
-pub use glam::{DVec3, Vec2, Vec3};
+pub use glam::{DVec2, DVec3, Vec2, Vec3};
 pub use std::f32::consts::{FRAC_1_PI, PI, TAU};
 pub use transform::Transform;
 
@@ -23,6 +23,18 @@ const _: () = assert!(
 
 /// The largest `f32` below one: the upper end of a unit random number.
 pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// A uniform number at single precision: below 1 although it is rounded.
+#[must_use]
+pub fn to_unit_f32(u: f64) -> f32 {
+    (u as f32).clamp(0.0, ONE_MINUS_EPSILON)
+}
+
+/// Two uniform numbers at single precision.
+#[must_use]
+pub fn to_unit_vec2(u: DVec2) -> Vec2 {
+    Vec2::new(to_unit_f32(u.x), to_unit_f32(u.y))
+}
 
 /// Sine of `x` in radians.
 #[must_use]

@@ -6,7 +6,7 @@
 
 mod sobol;
 
-use crate::math::Vec2;
+use crate::math::{DVec2, Vec2};
 use serde::{Deserialize, Serialize};
 
 /// What a path's random numbers are for; streams never share numbers.
@@ -131,18 +131,38 @@ impl PathRandom {
         (bits >> 40) as f32 * UNIT
     }
 
-    /// The next two numbers.
+    /// The next two numbers: 24 random bits each.
     #[must_use]
     pub fn next_2d(&mut self) -> Vec2 {
+        let [x, y] = self.next_pair();
+        Vec2::new((x >> 8) as f32 * UNIT, (y >> 8) as f32 * UNIT)
+    }
+
+    /// The next number for a choice, uniform on [0, 1): 53 random bits, so that shares far below 2^-24 are met.
+    #[must_use]
+    pub fn next_choice(&mut self) -> f64 {
+        self.next_choice_2d().x
+    }
+
+    /// The next two numbers for choices. Where the upper 32 bits are those of a Sobol' point, the others are random: a scrambled
+    /// digit beyond those that are stratified.
+    #[must_use]
+    pub fn next_choice_2d(&mut self) -> DVec2 {
+        let [x, y] = self.next_pair();
+        let below = mix(self.bits());
+        let number = |upper: u32, lower: u32| (u64::from(upper) << 21 | u64::from(lower >> 11)) as f64 * UNIT_OF_CHOICE;
+        DVec2::new(number(x, (below >> 32) as u32), number(y, below as u32))
+    }
+
+    fn next_pair(&mut self) -> [u32; 2] {
         self.dimension += 1;
-        let [x, y] = match &self.point {
+        match &self.point {
             Some(point) if self.dimension <= SOBOL_DRAWS => point.pair(self.dimension),
             _ => {
                 let bits = self.bits();
                 [(bits >> 32) as u32, bits as u32]
             }
-        };
-        Vec2::new((x >> 8) as f32 * UNIT, (y >> 8) as f32 * UNIT)
+        }
     }
 
     fn bits(&self) -> u64 {
@@ -152,6 +172,9 @@ impl PathRandom {
 
 /// One over the number of values of 24 bits.
 const UNIT: f32 = 1.0 / (1u64 << 24) as f32;
+
+/// One over the number of values of 53 bits.
+const UNIT_OF_CHOICE: f64 = 1.0 / (1u64 << 53) as f64;
 
 #[cfg(test)]
 mod tests {
@@ -228,6 +251,33 @@ mod tests {
                 .next_2d();
             let cell = (p.x * 32.0) as usize * 32 + (p.y * 32.0) as usize;
             assert!(!std::mem::replace(&mut cells[cell], true), "two points in one cell");
+        }
+    }
+
+    /// Numbers for choices are those of the other draws with more digits, and over seeds their last digits are as random as the first.
+    #[test]
+    fn numbers_for_choices_have_53_random_bits() {
+        for sampling in [Sampling::Independent, Sampling::Sobol] {
+            let draws: Vec<(Vec2, DVec2)> = (0..20_000)
+                .map(|seed| {
+                    let mut numbers = sampling.sequence(seed, 2, Stream::Light, 0, 100).path(7);
+                    (numbers.clone().next_2d(), numbers.next_choice_2d())
+                })
+                .collect();
+            let unit = 1.0 / f64::from(1_u32 << 24);
+            for (coarse, fine) in &draws {
+                let below = *fine - coarse.as_dvec2();
+                assert!(
+                    below.min_element() >= 0.0 && below.max_element() < unit,
+                    "{coarse} and {fine}"
+                );
+            }
+            for scale in [24, 32, 45] {
+                let digits = |(_, fine): &(Vec2, DVec2)| (*fine * (1_u64 << scale) as f64).fract().to_array();
+                let mut next = draws.iter().map(digits);
+                let outcome = chi_square(&unit_square(8), 20_000, 1, |_| next.next(), |_| 1.0);
+                assert!(outcome.passes(6), "{sampling:?} from bit {scale}: {outcome:?}");
+            }
         }
     }
 

@@ -109,7 +109,7 @@ impl<'a> ConeSampler<'a> {
             push(scattered.wi, arrival.flux * scattered.bsdf.f * share);
         }
         let mut random = self.random(arrival);
-        let (u, choice, v) = (random.next_2d(), random.next_1d(), random.next_2d());
+        let (u, choice, v) = (random.next_2d(), random.next_choice(), random.next_2d());
         let sampled = [
             (CAMERA, techniques.camera.as_ref().map(|lobe| lobe.sample(u))),
             (

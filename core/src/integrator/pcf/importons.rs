@@ -112,24 +112,25 @@ fn mean_neighbours<'q>(importons: &RecordMap, probes: impl Iterator<Item = &'q Q
 /// [`DEFENSIVE`] over the sphere, which has all where there are no importons.
 pub(super) struct Mixture {
     /// Axis of each lobe, and the importance up to and with it.
-    lobes: Vec<(Vec3, f32)>,
+    lobes: Vec<(Vec3, f64)>,
     one_minus_cos: f32,
 }
 
 impl Mixture {
     fn add(&mut self, axis: Vec3, importance: f32) {
         let before = self.lobes.last().map_or(0.0, |(_, sum)| *sum);
-        self.lobes.push((axis, before + importance));
+        self.lobes.push((axis, before + f64::from(importance)));
     }
 
-    pub(super) fn sample(&self, choice: f32, u: Vec2) -> Vec3 {
+    pub(super) fn sample(&self, choice: f64, u: Vec2) -> Vec3 {
         let Some((_, total)) = self.lobes.last() else {
             return square_to_sphere(u);
         };
-        if choice < DEFENSIVE {
+        let defensive = f64::from(DEFENSIVE);
+        if choice < defensive {
             return square_to_sphere(u);
         }
-        let target = (choice - DEFENSIVE) / (1.0 - DEFENSIVE) * total;
+        let target = (choice - defensive) / (1.0 - defensive) * total;
         let chosen = self
             .lobes
             .partition_point(|(_, sum)| *sum <= target)
@@ -152,7 +153,7 @@ impl Mixture {
             }
             before = *sum;
         }
-        DEFENSIVE * UNIFORM + (1.0 - DEFENSIVE) * covered / (total * TAU * self.one_minus_cos)
+        DEFENSIVE * UNIFORM + (1.0 - DEFENSIVE) * (covered / total) as f32 / (TAU * self.one_minus_cos)
     }
 }
 

@@ -2,7 +2,7 @@ use super::*;
 use crate::chi_square::{assert_directions, integrate_sphere};
 
 fn draw(lights: &Lights, geometry: &Geometry, from: Vec3, random: &mut PathRandom) -> Option<LightSample> {
-    lights.sample_direct(geometry, from, random.next_1d(), random.next_2d())
+    lights.sample_direct(geometry, from, random.next_choice(), random.next_choice_2d())
 }
 
 /// The density that path tracing would compute for the direction it happens to follow.
@@ -204,7 +204,7 @@ fn a_spot_is_that_of_mitsuba() {
         (Vec3::new(3.0, 2.0, 7.0), 0.075_288_154),
         (Vec3::new(5.0, 1.0, 4.0), 0.001_969_599_6),
     ] {
-        let sample = lights.sample_direct(&geometry, at, 0.5, Vec2::splat(0.5)).unwrap();
+        let sample = lights.sample_direct(&geometry, at, 0.5, DVec2::splat(0.5)).unwrap();
         assert!(
             (sample.radiance[0] - expected).abs() < 2e-5 * expected.max(0.1),
             "{sample:?}, {expected}"
@@ -214,7 +214,7 @@ fn a_spot_is_that_of_mitsuba() {
     }
     assert!(
         lights
-            .sample_direct(&geometry, Vec3::ZERO, 0.5, Vec2::splat(0.5))
+            .sample_direct(&geometry, Vec3::ZERO, 0.5, DVec2::splat(0.5))
             .is_none(),
         "behind the spot"
     );
@@ -232,12 +232,15 @@ fn points_and_directional_lights_have_their_closed_form() {
         irradiance: gray(1.5),
     };
     let lights = Lights::build(vec![point, sun], &geometry);
-    let share = 8.0 * 4.0 / (8.0 * 4.0 + 1.5 * 3.0);
-    let sample = lights.sample_direct(&geometry, Vec3::Z * 2.0, 0.0, Vec2::ZERO).unwrap();
+    let power = 8.0 * 4.0 / (8.0 * 4.0 + 1.5 * 3.0);
+    let share = 0.9 * power + 0.05;
+    let sample = lights
+        .sample_direct(&geometry, Vec3::Z * 2.0, 0.0, DVec2::ZERO)
+        .unwrap();
     assert_eq!((sample.wi, sample.distance, sample.radiance), (Vec3::Z, 2.0, gray(2.0)));
     assert!((sample.pdf - share).abs() < 1e-3 && sample.delta);
     let sample = lights
-        .sample_direct(&geometry, Vec3::Z * 2.0, 0.999, Vec2::ZERO)
+        .sample_direct(&geometry, Vec3::Z * 2.0, 0.999, DVec2::ZERO)
         .unwrap();
     assert_eq!(
         (sample.wi, sample.distance, sample.radiance),
@@ -245,6 +248,54 @@ fn points_and_directional_lights_have_their_closed_form() {
     );
     assert!((sample.pdf - (1.0 - share)).abs() < 1e-3 && sample.delta);
     assert_eq!(lights.background(Vec3::Y), Spectrum::ZERO);
+}
+
+/// However weak a light is beside the others, it is chosen with its part of the defensive share, by connections and by light paths,
+/// first and last in the list alike, and its flux is divided by just that probability.
+#[test]
+fn a_lamp_beside_a_sun_is_chosen_often_enough() {
+    let geometry = Geometry::build(vec![sphere(Vec3::ZERO, 1.0, false)]);
+    let lamp = Light::Point {
+        position: Vec3::new(0.0, 0.0, 4.0),
+        intensity: gray(1e-3),
+    };
+    let sun = Light::Directional {
+        direction: -Vec3::Y,
+        irradiance: gray(1e9),
+    };
+    let dark = Light::Constant { radiance: gray(0.0) };
+    for order in [vec![lamp.clone(), dark.clone(), sun.clone()], vec![sun, dark, lamp]] {
+        let lights = Lights::build(order, &geometry);
+        let mut random = random(21);
+        const DRAWS: usize = 100_000;
+        let (mut connections, mut flux) = (0, 0.0);
+        for _ in 0..DRAWS {
+            let sample = draw(&lights, &geometry, Vec3::Z * 2.0, &mut random).unwrap();
+            if sample.distance.is_finite() {
+                connections += 1;
+                assert!((sample.pdf - 0.05).abs() < 1e-6, "{sample:?}");
+            }
+            let emission = lights
+                .sample_emission(
+                    &geometry,
+                    random.next_choice(),
+                    random.next_choice_2d(),
+                    random.next_choice_2d(),
+                )
+                .unwrap();
+            if emission.ray.origin == Vec3::new(0.0, 0.0, 4.0) {
+                flux += f64::from(emission.flux.luminance());
+            }
+        }
+        let deviation = (0.05 * 0.95 / DRAWS as f64).sqrt() / 0.05;
+        let power = 4.0 * std::f64::consts::PI * 1e-3;
+        for met in [
+            f64::from(connections) / (0.05 * DRAWS as f64),
+            flux / DRAWS as f64 / power,
+        ] {
+            assert!((met - 1.0).abs() < DEVIATIONS * deviation, "{met}");
+        }
+    }
 }
 
 /// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Emitter.eval` of the same map.

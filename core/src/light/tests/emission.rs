@@ -4,7 +4,12 @@ use crate::chi_square::{Domain, assert_directions, chi_square};
 use crate::math::{FRAC_1_PI, cos};
 
 fn draw(lights: &Lights, geometry: &Geometry, random: &mut PathRandom) -> Option<EmissionSample> {
-    lights.sample_emission(geometry, random.next_1d(), random.next_2d(), random.next_2d())
+    lights.sample_emission(
+        geometry,
+        random.next_choice(),
+        random.next_choice_2d(),
+        random.next_choice_2d(),
+    )
 }
 
 fn check_directions(label: &str, shapes: Vec<Shape>, light: Light, density: impl Fn(&Lights, Vec3) -> f32) {
@@ -205,7 +210,7 @@ fn without_light_nothing_is_sampled() {
         assert!(draw(&lights, &geometry, &mut random(11)).is_none());
         assert!(
             lights
-                .sample_direct(&geometry, Vec3::ZERO, 0.5, Vec2::splat(0.5))
+                .sample_direct(&geometry, Vec3::ZERO, 0.5, DVec2::splat(0.5))
                 .is_none()
         );
     }

@@ -26,7 +26,7 @@ fn importon_mixtures_are_sampled_with_their_density() {
             label,
             2,
             |random| {
-                let choice = random.next_1d();
+                let choice = random.next_choice();
                 Some(mixture.sample(choice, random.next_2d()))
             },
             |direction| mixture.pdf(direction),
