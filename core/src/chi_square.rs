@@ -236,6 +236,59 @@ pub(crate) fn assert_directions(
     );
 }
 
+/// Compares a sampler of unit directions with its density per solid angle within a cone of half angle `theta` about `axis`, however
+/// narrow: in the coordinates `(1 - cos) / (1 - cos theta)` and longitude, in which equal areas stand for equal solid angles.
+pub(crate) fn assert_narrow(
+    label: &str,
+    tests: usize,
+    (axis, theta): (Vec3, f32),
+    mut sampler: impl FnMut(&mut PathRandom) -> Option<Vec3>,
+    mut density: impl FnMut(Vec3) -> f32,
+) {
+    let frame = crate::math::Frame::from_normal(axis);
+    let whole = f64::from(crate::math::warp::one_minus_cos(theta));
+    let domain = Domain {
+        lower: [0.0, -PI],
+        upper: [1.0, PI],
+        cells: [16, 16],
+    };
+    // Rounding throws samples off the rim and the middle.
+    let cut = |part: f64| {
+        if part < 1.0 + 4e-6 / f64::from(theta) {
+            part.min(1.0)
+        } else {
+            part
+        }
+    };
+    let coordinates = |direction: Vec3| {
+        let local = frame.to_local(direction).as_dvec3();
+        let one_minus_cos = if local.z > 0.0 {
+            (local.x * local.x + local.y * local.y) / (1.0 + local.z)
+        } else {
+            1.0 - local.z
+        };
+        [cut(one_minus_cos / whole), libm::atan2(local.y, local.x)]
+    };
+    let direction = |[part, phi]: [f64; 2]| {
+        let one_minus_cos = part * whole;
+        let sine = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
+        let local = glam::DVec3::new(sine * libm::cos(phi), sine * libm::sin(phi), 1.0 - one_minus_cos);
+        frame.to_world(local.as_vec3()).normalize()
+    };
+    let outcome = chi_square(
+        &domain,
+        1 << 17,
+        0x00c0_ffee,
+        |random| sampler(random).map(coordinates),
+        |point| f64::from(density(direction(point))) * whole,
+    );
+    assert!(
+        outcome.passes(tests),
+        "{label}: {outcome:?}, significance {:e}",
+        sidak(tests)
+    );
+}
+
 /// Integral of `f` over all directions.
 pub(crate) fn integrate_sphere(mut f: impl FnMut(Vec3) -> f64) -> f64 {
     Domain::SPHERE
@@ -325,19 +378,24 @@ mod tests {
             |random| Some(warp::square_to_sphere(random.next_2d())),
             |_| (1.0 / (4.0 * PI)) as f32,
         );
-        let cos_max = 0.7;
+        let cone = warp::Cone::of_angle(0.8);
         assert_directions(
             "cone",
             3,
-            |random| Some(warp::square_to_cone(random.next_2d(), cos_max)),
-            |d| {
-                if d.z >= cos_max {
-                    1.0 / (2.0 * crate::math::PI * (1.0 - cos_max))
-                } else {
-                    0.0
-                }
-            },
+            |random| Some(cone.sample(random.next_2d())),
+            |d| if d.z >= crate::math::cos(0.8) { cone.pdf() } else { 0.0 },
         );
+        let axis = Vec3::new(0.48, -0.6, 0.64);
+        for theta in [3.0, 1.0, 1e-2, 1e-3, 1e-4] {
+            let cone = warp::Cone::of_angle(theta);
+            assert_narrow(
+                &format!("cone of {theta}"),
+                5,
+                (axis, theta),
+                |random| Some(cone.sample_about(axis, random.next_2d())),
+                |direction| if cone.holds(axis, direction) { cone.pdf() } else { 0.0 },
+            );
+        }
     }
 
     #[test]

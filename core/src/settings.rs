@@ -37,6 +37,11 @@ pub const MAX_PHOTONS: u32 = 10_000_000;
 /// Most camera samples per pixel of an iteration.
 pub const MAX_SAMPLES: u32 = 65_536;
 
+/// Least first angular bandwidth [degrees]; kernels are never narrower than [`LEAST_ANGLE`], 0.06 degrees.
+///
+/// [`LEAST_ANGLE`]: crate::map::LEAST_ANGLE
+const LEAST_THETA1: f32 = 0.1;
+
 /// Values of each pixel that iterations of a sequential integrator hand on.
 pub const STATISTICS_PER_PIXEL: usize = 2;
 
@@ -98,8 +103,8 @@ impl IntegratorSettings {
                 check(
                     "theta1",
                     s.theta1,
-                    s.theta1 > 0.0 && s.theta1 <= 180.0,
-                    "degrees above 0, up to 180",
+                    (LEAST_THETA1..=180.0).contains(&s.theta1),
+                    "degrees from 0.1 to 180",
                 )?;
                 let distinct = s
                     .samplers

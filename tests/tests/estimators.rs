@@ -2,7 +2,7 @@
 //!
 //! Means over blocks of pixels are compared by z-tests. Each comparison fails by chance with probability
 //! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always. Sampling is independent where the noise is
-//! measured over the iterations of one job.
+//! measured over the iterations of one job; under Sobol' sampling, where these depend on each other, it is measured over seeds.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
@@ -47,6 +47,16 @@ fn measure(scene: &Scene, settings: &IntegratorSettings, seed: u64, iterations: 
             blocks[y * (SIZE / BLOCK) + x] += f64::from(pixel.luminance()) / (BLOCK * BLOCK) as f64;
         }
         moments.push(&blocks);
+    }
+    moments
+}
+
+/// The same over the first iterations of `seeds` jobs.
+fn measure_over_seeds(scene: &Scene, settings: &IntegratorSettings, seeds: std::ops::Range<u64>) -> Moments {
+    let mut moments = Moments::default();
+    for seed in seeds {
+        let one = measure(scene, settings, seed, 1);
+        moments.push(one.mean());
     }
     moments
 }
@@ -208,4 +218,99 @@ fn a_lens_has_camera_connections() {
 #[test]
 fn an_orthographic_camera_has_camera_connections() {
     check_camera_connections(&load("orthographic.xml"));
+}
+
+/// The numbers that jobs use by default: points of a Sobol' sequence, whose estimates have the same mean.
+#[test]
+fn low_discrepancy_numbers_agree_with_independent_ones() {
+    const DEPTH: u32 = 8;
+    let scene = load("mirror-glass.xml");
+    let truth = reference(&scene, DEPTH);
+    let with = |settings: IntegratorSettings| {
+        let sampling = Sampling::Sobol;
+        match settings {
+            IntegratorSettings::Path(s) => IntegratorSettings::Path(PathSettings { sampling, ..s }),
+            IntegratorSettings::Pppm(s) => IntegratorSettings::Pppm(PppmSettings { sampling, ..s }),
+            IntegratorSettings::Sppm(s) => IntegratorSettings::Sppm(PppmSettings { sampling, ..s }),
+            IntegratorSettings::Pcf(s) => IntegratorSettings::Pcf(PcfSettings { sampling, ..s }),
+        }
+    };
+    let path = IntegratorSettings::Path(PathSettings {
+        samples: 16,
+        max_depth: Some(DEPTH),
+        ..Default::default()
+    });
+    for settings in [path, pppm(0.01, DEPTH), pcf(0.04, 10.0, LookupVertex::Auto, DEPTH)] {
+        let estimate = measure_over_seeds(&scene, &with(settings), 100..150);
+        let test = ZTest::compare(&estimate, &truth, FALSE_ALARMS);
+        assert!(test.passes(), "{test:?}");
+        assert!(
+            test.relative_noise < 0.05 && test.relative_difference.abs() < 0.02,
+            "{test:?}"
+        );
+    }
+}
+
+/// A coarse globe of quadrilaterals, each two triangles, with the normals of the sphere that it stands for, as OBJ.
+fn globe(center: [f64; 3], radius: f64) -> String {
+    const RINGS: usize = 6;
+    const SPOKES: usize = 9;
+    let mut text = String::new();
+    for ring in 0..=RINGS {
+        for spoke in 0..SPOKES {
+            let (theta, phi) = (
+                std::f64::consts::PI * ring as f64 / RINGS as f64,
+                std::f64::consts::TAU * spoke as f64 / SPOKES as f64,
+            );
+            let n = [theta.sin() * phi.sin(), theta.cos(), theta.sin() * phi.cos()];
+            let [x, y, z] = [0, 1, 2].map(|i| center[i] + radius * n[i]);
+            text += &format!("v {x:.7} {y:.7} {z:.7}\nvn {:.7} {:.7} {:.7}\n", n[0], n[1], n[2]);
+        }
+    }
+    for ring in 0..RINGS {
+        for spoke in 0..SPOKES {
+            let at = |ring: usize, spoke: usize| ring * SPOKES + spoke % SPOKES + 1;
+            let corners = [
+                at(ring, spoke),
+                at(ring + 1, spoke),
+                at(ring + 1, spoke + 1),
+                at(ring, spoke + 1),
+            ];
+            for (face, missing) in [([0, 1, 2], ring == RINGS - 1), ([0, 2, 3], ring == 0)] {
+                let [a, b, c] = face.map(|i| corners[i]);
+                if !missing {
+                    text += &format!("f {a}//{a} {b}//{b} {c}//{c}\n");
+                }
+            }
+        }
+    }
+    text
+}
+
+/// Interpolated normals differ from the true ones by up to fifteen degrees here. Paths from the camera and from the lights must
+/// still see one and the same surface, of glass and diffuse.
+#[test]
+fn a_coarse_mesh_with_smooth_normals_agrees_with_path_tracing() {
+    const DEPTH: u32 = 8;
+    let text = std::fs::read_to_string(folder().join("mirror-glass.xml")).expect("the scene is there");
+    let begin = text.find("<shape type=\"sphere\">").expect("the scene has spheres");
+    let balls = r#"<shape type="obj"><string name="filename" value="glass.obj"/><ref id="glass"/></shape>
+        <shape type="obj"><string name="filename" value="clay.obj"/><ref id="ochre"/></shape></scene>"#;
+    let files = BTreeMap::from([
+        ("main.xml".to_owned(), (text[..begin].to_owned() + balls).into_bytes()),
+        ("glass.obj".to_owned(), globe([0.42, 0.42, 0.3], 0.38).into_bytes()),
+        ("clay.obj".to_owned(), globe([-0.42, 0.45, -0.3], 0.45).into_bytes()),
+    ]);
+    let scene = load_from(&files, "main.xml");
+    let truth = reference(&scene, DEPTH);
+    for settings in [pppm(0.01, DEPTH), pcf(0.03, 8.0, LookupVertex::Auto, DEPTH)] {
+        let estimate = measure(&scene, &settings, 2, 60);
+        let test = ZTest::compare(&estimate, &truth, FALSE_ALARMS);
+        println!("{}: {test:?}", settings.name());
+        assert!(test.passes(), "{settings:?}: {test:?}");
+        assert!(
+            test.relative_noise < 0.05 && test.relative_difference.abs() < 0.02,
+            "{test:?}"
+        );
+    }
 }

@@ -38,17 +38,22 @@ fn mean(scene: &Scene, settings: &IntegratorSettings, seed: u64, iteration: u32)
     sum / image.pixels.len() as f64
 }
 
-/// Mean luminance by path length, over iterations; `settings` makes settings of a `max_depth`.
+/// Standard error of the mean over the whole image, over that mean, that every comparison must reach: an error of 5 % is then four
+/// standard errors.
+const NOISE: f64 = 0.0125;
+
+/// Mean luminance by path length and at last that of all lengths, over iterations; `settings` makes settings of a `max_depth`.
 fn by_length(scene: &Scene, seed: u64, iterations: u32, settings: impl Fn(u32) -> IntegratorSettings) -> Moments {
     let mut moments = Moments::default();
     for iteration in 1..=iterations {
         let mut shorter = 0.0;
-        let lengths: Vec<f64> = (1..=LONGEST)
+        let mut lengths: Vec<f64> = (1..=LONGEST)
             .map(|depth| {
                 let upto = mean(scene, &settings(depth), seed, iteration);
                 upto - std::mem::replace(&mut shorter, upto)
             })
             .collect();
+        lengths.push(shorter);
         moments.push(&lengths);
     }
     moments
@@ -91,7 +96,11 @@ fn check(scene: &Scene, truth: &Moments, label: &str, settings: &PcfSettings) {
         100.0 * test.relative_noise,
         100.0 * test.relative_difference
     );
+    let whole = |moments: &Moments| moments.squared_error()[LONGEST as usize];
+    let noise = (whole(&estimate) + whole(truth)).sqrt() / truth.mean()[LONGEST as usize];
+    println!("{label}: noise of the whole image {:.2} %", 100.0 * noise);
     assert!(test.passes(), "{label}: {test:?}");
+    assert!(noise < NOISE, "{label}: the test has power: {noise}");
     assert!(test.relative_noise < 0.1, "{label}: the test has power: {test:?}");
 }
 

@@ -1,8 +1,8 @@
 //! Points sampled on shapes, for lights.
 
 use super::{Geometry, Shape, ShapeId, SurfacePoint};
-use crate::math::warp::{square_to_disk, square_to_sphere, square_to_triangle};
-use crate::math::{DVec2, Discrete, Frame, PI, TAU, Vec2, Vec3, safe_sqrt, sin_cos, to_unit_f32, to_unit_vec2};
+use crate::math::warp::{self, square_to_disk, square_to_sphere, square_to_triangle};
+use crate::math::{DVec2, Discrete, Frame, PI, Vec2, Vec3, safe_sqrt, sqr, to_unit_f32, to_unit_vec2};
 
 /// Samples the points of one shape.
 #[derive(Debug)]
@@ -98,9 +98,9 @@ impl ShapeSampler {
     #[must_use]
     pub fn sample_towards(&self, geometry: &Geometry, from: Vec3, u: DVec2) -> Option<TowardsSample> {
         if let Kind::Sphere { center, radius } = self.kind
-            && let Some(cone) = Cone::of_sphere(center, radius, from)
+            && let Some(seen) = SeenSphere::new(center, radius, from)
         {
-            return cone.sample(geometry, self.shape, from, to_unit_vec2(u));
+            return seen.sample(geometry, self.shape, from, to_unit_vec2(u));
         }
         let point = self.sample(geometry, u)?;
         let offset = point.position - from;
@@ -121,10 +121,10 @@ impl ShapeSampler {
     pub fn pdf_towards(&self, from: Vec3, point: &SurfacePoint) -> f32 {
         let offset = point.position - from;
         if let Kind::Sphere { center, radius } = self.kind
-            && let Some(cone) = Cone::of_sphere(center, radius, from)
+            && let Some(seen) = SeenSphere::new(center, radius, from)
         {
             return if offset.dot(point.position - center) < 0.0 {
-                cone.pdf()
+                seen.cone.pdf()
             } else {
                 0.0
             };
@@ -140,44 +140,32 @@ impl ShapeSampler {
 }
 
 /// The cone of directions under which a sphere is seen from outside.
-struct Cone {
+struct SeenSphere {
     axis: Vec3,
     distance: f32,
     radius: f32,
-    one_minus_cos: f32,
+    cone: warp::Cone,
 }
 
-impl Cone {
+impl SeenSphere {
     /// `None` for a viewpoint inside the sphere, or so close to it that the cone would be a hemisphere.
-    fn of_sphere(center: Vec3, radius: f32, from: Vec3) -> Option<Self> {
+    fn new(center: Vec3, radius: f32, from: Vec3) -> Option<Self> {
         let offset = center - from;
         let distance = offset.length();
         let sine = radius / distance;
-        if sine >= 1.0 - 1e-4 {
-            return None;
-        }
-        let squared = sine * sine;
-        let one_minus_cos = squared / (1.0 + safe_sqrt(1.0 - squared));
-        Some(Self {
+        (sine < 1.0 - 1e-4).then(|| Self {
             axis: offset / distance,
             distance,
             radius,
-            one_minus_cos,
+            cone: warp::Cone::of_sine(sine),
         })
     }
 
-    fn pdf(&self) -> f32 {
-        1.0 / (TAU * self.one_minus_cos)
-    }
-
     fn sample(&self, geometry: &Geometry, shape: ShapeId, from: Vec3, u: Vec2) -> Option<TowardsSample> {
-        let below_axis = u.x * self.one_minus_cos;
-        let sine_squared = below_axis * (2.0 - below_axis);
-        let (sin_phi, cos_phi) = sin_cos(TAU * u.y);
-        let sine = sine_squared.sqrt();
-        let local = Vec3::new(sine * cos_phi, sine * sin_phi, 1.0 - below_axis);
+        let local = self.cone.sample(u);
+        let sine_squared = local.truncate().length_squared();
         let direction = Frame::from_normal(self.axis).to_world(local).normalize();
-        let half_chord = safe_sqrt(self.radius * self.radius - self.distance * self.distance * sine_squared);
+        let half_chord = safe_sqrt(sqr(self.radius) - sqr(self.distance) * sine_squared);
         let distance = self.distance * local.z - half_chord;
         let outward = direction * distance - self.axis * self.distance;
         let point = geometry.point_on_curved(shape, outward)?;
@@ -186,7 +174,7 @@ impl Cone {
             point,
             direction,
             distance,
-            pdf: self.pdf(),
+            pdf: self.cone.pdf(),
         })
     }
 }

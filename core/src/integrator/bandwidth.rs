@@ -1,6 +1,7 @@
 //! How wide the kernels of an iteration are.
 
 use super::GLOSSY_ROUGHNESS;
+use crate::map::LEAST_ANGLE;
 use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::random::{PathRandom, Stream};
@@ -51,7 +52,7 @@ fn pcf_bandwidth(settings: &PcfSettings, sigma1: f32, iteration: u32) -> Bandwid
     let ratio = schedule::pcf_sigma_ratio(iteration, f64::from(settings.alpha), p, theta1);
     Bandwidth {
         sigma: (f64::from(sigma1) * ratio) as f32,
-        theta: schedule::pcf_theta(ratio, p, theta1) as f32,
+        theta: (schedule::pcf_theta(ratio, p, theta1) as f32).max(LEAST_ANGLE),
     }
 }
 

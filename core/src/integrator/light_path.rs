@@ -14,14 +14,6 @@ use std::ops::Range;
 /// Light paths that one task traces.
 const CHUNK: u32 = 4096;
 
-/// Light paths whose records are held at a time, so that memory has a bound for any number of them.
-const BATCH: u32 = 1 << 20;
-
-/// Splits the light paths `0..count` of an iteration into batches.
-pub(super) fn batches(count: u32) -> impl Iterator<Item = Range<u32>> {
-    (0..count.div_ceil(BATCH)).map(move |batch| batch * BATCH..((batch + 1).saturating_mul(BATCH)).min(count))
-}
-
 /// A vertex of a light path, `edges` from the light.
 pub(super) struct Arrival<'a, 'b> {
     pub(super) vertex: &'b Vertex<'a>,

@@ -130,6 +130,33 @@ struct Job<'a> {
     seed: u64,
     iteration: u32,
     sampling: Sampling,
+    batches: Batches,
+}
+
+/// How much of an iteration is held in memory at a time, so that memory has a bound for any number of paths.
+#[derive(Clone, Copy, Debug)]
+struct Batches {
+    /// Light paths whose records are held.
+    light_paths: u32,
+    /// Camera paths whose queries `pcf` holds.
+    camera_paths: usize,
+}
+
+impl Default for Batches {
+    fn default() -> Self {
+        Self {
+            light_paths: 1 << 20,
+            camera_paths: 1 << 22,
+        }
+    }
+}
+
+impl Batches {
+    /// Splits the light paths `0..count` of an iteration.
+    fn of_light_paths(self, count: u32) -> impl Iterator<Item = Range<u32>> {
+        let size = self.light_paths;
+        (0..count.div_ceil(size)).map(move |batch| batch * size..(batch + 1).saturating_mul(size).min(count))
+    }
 }
 
 impl Job<'_> {
@@ -193,6 +220,7 @@ pub fn render_next(
         seed,
         iteration,
         sampling: settings.sampling(),
+        batches: Batches::default(),
     };
     let result = match (settings, bandwidth(scene, settings, iteration)) {
         (IntegratorSettings::Pppm(s), Some(bandwidth)) => pppm::render(&job, s, bandwidth.sigma, observer)?,

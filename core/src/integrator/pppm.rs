@@ -6,7 +6,7 @@
 //! camera path where `j <= 1`.
 
 use super::camera_path::{self, Visit};
-use super::light_path::{LightPaths, batches};
+use super::light_path::LightPaths;
 use super::vertex::Vertex;
 use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
 use crate::map::{Reach, RecordMap, count_edges};
@@ -65,7 +65,7 @@ pub(super) fn gather_image(
         photons: vec![0.0; job.pixel_count()],
         counts: Counts::default(),
     };
-    for batch in batches(settings.photons) {
+    for batch in job.batches.of_light_paths(settings.photons) {
         let share = batch.len() as f32 / settings.photons as f32;
         let (sums, counted) = gather_batch(job, settings, batch, discs, observer, &mut gathered.counts)?;
         let samples = settings.samples as usize;
@@ -111,7 +111,7 @@ fn gather_batch(
     let (sums, counted) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, counted| {
         let counts = sample.counts;
         let radius = (discs.radius_of)(sample.pixel);
-        let (reach, scale) = (Reach::new(radius, PI), 1.0 / (light_paths * PI * sqr(radius)));
+        let reach = Reach::new(radius, PI);
         let mut found = 0;
         let radiance = camera_path::radiance(
             sample.tracer,
@@ -123,9 +123,10 @@ fn gather_batch(
                     return Visit::Walk;
                 }
                 let limit = count_edges(max_edges - edges);
+                let reach = reach.at(vertex.point.position);
                 let (sum, photons) = gather(&map, &reach, vertex, limit, counts);
                 found += photons;
-                Visit::AddAndEndAfterDirect(sum * scale)
+                Visit::AddAndEndAfterDirect(sum * (1.0 / (light_paths * PI * sqr(reach.radius()))))
             },
         );
         counted.push(found);
@@ -135,15 +136,73 @@ fn gather_batch(
 }
 
 /// `sum_j f(wo, w_j) Phi_j` over the photons in reach that came by at most `limit` edges, and their number.
+///
+/// A photon counts on the side that it came from: one that hit the back of the surface, or the far side of a thin wall, is none of
+/// this side's unless the material lets it through. Photons of a surface that meets this one are taken: in a right-angled corner
+/// under even light the disc loses 2 / (3 pi) = 21 % of its area on average over the places within a radius of the edge, and the
+/// half of the other wall's photons that come from above this surface adds 17 %. Without them five times as much would be missing.
 fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &mut Counts) -> (Spectrum, u32) {
     let mut sum = Spectrum::ZERO;
     let mut counted = 0;
     counts.records_read += map.query(vertex.point.position, reach, |photon| {
-        if photon.edges() <= limit {
+        if photon.edges() > limit {
+            return;
+        }
+        let f = vertex.eval(photon.direction());
+        if vertex.on_side_of_wo(photon.direction()) || !f.is_black() {
             counted += 1;
-            sum += vertex.eval(photon.direction()) * photon.weight();
+            sum += f * photon.weight();
         }
     });
     counts.records_counted += u64::from(counted);
     (sum, counted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrator::{Batches, Unobserved};
+    use crate::random::Sampling;
+    use crate::scene::{Limits, Scene, SceneFolder};
+    use std::collections::BTreeMap;
+    use std::path::Path;
+
+    /// Batches of light paths, whose images are averaged, change the image by no more than rounding.
+    #[test]
+    fn one_batch_or_three_make_one_image() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
+        let defines = BTreeMap::from([("res".to_owned(), "16".to_owned())]);
+        let files = SceneFolder::new(&folder).unwrap();
+        let scene = Scene::load(&files, "mirror-glass.xml", &defines, &Limits::default()).unwrap();
+        let settings = PppmSettings {
+            photons: 8_000,
+            samples: 2,
+            ..Default::default()
+        };
+        let gather = |light_paths| {
+            let job = Job {
+                scene: &scene,
+                seed: 5,
+                iteration: 3,
+                sampling: Sampling::Sobol,
+                batches: Batches {
+                    light_paths,
+                    ..Default::default()
+                },
+            };
+            let discs = Discs {
+                radius_of: |pixel| if pixel % 2 == 0 { 0.1 } else { 0.2 },
+                widest: 0.2,
+            };
+            gather_image(&job, &settings, &discs, &Unobserved).unwrap()
+        };
+        let (one, three) = (gather(1 << 20), gather(3_001));
+        assert_eq!(one.photons, three.photons, "the photons of each pixel");
+        assert!(one.photons.iter().sum::<f32>() > 1_000.0);
+        assert_eq!(three.counts.light_paths, 8_000);
+        for (a, b) in one.pixels.iter().zip(&three.pixels) {
+            let (a, b) = (a.luminance(), b.luminance());
+            assert!((a - b).abs() <= 1e-5 * a, "{a} in one batch, {b} in three");
+        }
+    }
 }

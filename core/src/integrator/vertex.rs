@@ -89,6 +89,12 @@ impl<'a> Vertex<'a> {
         direction.dot(self.point.geometric_normal).abs()
     }
 
+    /// Whether `direction` points to the side of the true surface that `wo` points to.
+    pub(super) fn on_side_of_wo(&self, direction: Vec3) -> bool {
+        let height = |w: Vec3| w.dot(self.point.geometric_normal);
+        height(direction) * height(self.wo) > 0.0
+    }
+
     /// What turns flux that arrives along `-wo` through the true surface into flux through the surface that the
     /// shading normal pretends: `|wo . ns| / |wo . ng|` (Veach 1997, section 5.3).
     pub(super) fn arrival_correction(&self) -> f32 {

@@ -1,6 +1,6 @@
 use crate::geometry::Ray;
-use crate::math::warp::one_minus_cos;
-use crate::math::{Frame, TAU, Transform, Vec2, Vec3, acos, cos, safe_sqrt, sin, sin_cos};
+use crate::math::warp::Cone;
+use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2};
 use crate::spectrum::Spectrum;
 
 /// A point light that shines into a cone.
@@ -12,8 +12,7 @@ pub(super) struct Spot {
     intensity: Spectrum,
     cutoff_angle: f32,
     beam_width: f32,
-    cos_beam: f32,
-    one_minus_cos_cutoff: f32,
+    cone: Cone,
 }
 
 impl Spot {
@@ -24,8 +23,7 @@ impl Spot {
             intensity,
             cutoff_angle,
             beam_width,
-            cos_beam: cos(beam_width),
-            one_minus_cos_cutoff: one_minus_cos(cutoff_angle),
+            cone: Cone::of_angle(cutoff_angle),
         }
     }
 
@@ -35,39 +33,39 @@ impl Spot {
 
     /// Intensity [W/sr] along the unit vector `direction`.
     pub(super) fn intensity(&self, direction: Vec3) -> Spectrum {
-        self.intensity * self.falloff(self.frame.n.dot(direction))
+        self.intensity * self.falloff(self.frame.to_local(direction))
     }
 
-    fn falloff(&self, cos_theta: f32) -> f32 {
-        if cos_theta >= self.cos_beam {
+    /// Share of the intensity in a direction in the light's frame. The angle comes from the sine, since the cosine of a narrow
+    /// beam's angles does not tell them apart.
+    fn falloff(&self, local: Vec3) -> f32 {
+        let theta = atan2(local.truncate().length(), local.z);
+        if theta <= self.beam_width {
             1.0
         } else {
-            ((self.cutoff_angle - acos(cos_theta)) / (self.cutoff_angle - self.beam_width)).max(0.0)
+            ((self.cutoff_angle - theta) / (self.cutoff_angle - self.beam_width)).max(0.0)
         }
     }
 
     /// Luminance of `2 pi` times the integral of the falloff times the sine.
     pub(super) fn power(&self) -> f32 {
-        let width = self.cutoff_angle - self.beam_width;
-        let part = if width > 1e-3 {
-            1.0 - (sin(self.cutoff_angle) - sin(self.beam_width)) / width
+        let [cutoff, beam] = [self.cutoff_angle, self.beam_width].map(f64::from);
+        // (sin c - sin b) / (c - b) = cos((c + b) / 2) sin(h) / h, where h is half the width.
+        let half_width = 0.5 * (cutoff - beam);
+        let sinc = if half_width > 0.0 {
+            libm::sin(half_width) / half_width
         } else {
-            self.one_minus_cos_cutoff
+            1.0
         };
-        self.intensity.luminance() * TAU * part
+        let part = 1.0 - libm::cos(0.5 * (cutoff + beam)) * sinc;
+        self.intensity.luminance() * TAU * part as f32
     }
 
     /// A ray uniform within the cone, and intensity over its density.
     pub(super) fn emit(&self, u: Vec2) -> (Ray, Spectrum) {
-        let below_axis = u.x * self.one_minus_cos_cutoff;
-        let sine = safe_sqrt(below_axis * (2.0 - below_axis));
-        let (sin_phi, cos_phi) = sin_cos(TAU * u.y);
-        let cos_theta = 1.0 - below_axis;
-        let direction = self
-            .frame
-            .to_world(Vec3::new(sine * cos_phi, sine * sin_phi, cos_theta))
-            .normalize();
-        let flux = self.intensity * (self.falloff(cos_theta) * TAU * self.one_minus_cos_cutoff);
+        let local = self.cone.sample(u);
+        let direction = self.frame.to_world(local).normalize();
+        let flux = self.intensity * (self.falloff(local) / self.cone.pdf());
         (
             Ray {
                 origin: self.position,

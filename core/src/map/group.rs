@@ -285,12 +285,13 @@ fn around(group: impl Iterator<Item = (Vec3, Vec3)> + Clone, reach: &Reach) -> (
     }
     let center = low + 0.5 * (high - low);
     let axis = sum.normalize_or(Vec3::Z);
-    let (mut offset2, mut chord2) = (0.0_f32, 0.0_f32);
+    let (mut offset2, mut chord2, mut radius) = (0.0_f32, 0.0_f32, reach.radius);
     for (position, direction) in group {
         offset2 = offset2.max((position - center).length_squared());
+        radius = radius.max(reach.at(position).radius);
         chord2 = chord2.max((direction - axis).length_squared());
     }
-    let radius = (reach.radius + offset2.sqrt()) * MARGIN;
+    let radius = (radius + offset2.sqrt()) * MARGIN;
     let chord2 = sqr((reach.chord2.sqrt() + chord2.sqrt()) * MARGIN);
     let cos = 1.0 - 0.5 * chord2;
     let sin_theta = if cos > 0.0 {

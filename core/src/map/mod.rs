@@ -95,6 +95,16 @@ impl Reach {
         }
     }
 
+    /// The reach of a query at `position`: wider far from the origin, where single precision does not tell apart the positions within
+    /// the radius.
+    #[must_use]
+    pub fn at(&self, position: Vec3) -> Self {
+        Self {
+            radius: self.radius.max(LEAST_RADIUS * position.abs().max_element()),
+            ..*self
+        }
+    }
+
     /// Radius [scene units].
     #[must_use]
     pub fn radius(&self) -> f32 {
@@ -111,6 +121,14 @@ impl Reach {
         self.chord2 == f32::INFINITY
     }
 }
+
+/// Half angle below which cones of directions are not counted in [radians]: directions of records lie on a lattice of 6e-5 by 1.2e-4,
+/// of which a narrower cone holds so few points that their number misses its solid angle by percents.
+pub const LEAST_ANGLE: f32 = 1e-3;
+
+/// Radius over the distance from the origin, along an axis, below which records are not counted in: positions there lie on a lattice
+/// of up to a sixteenth of that radius, and a smaller disc would hold too few points of it or none.
+const LEAST_RADIUS: f32 = 1.0 / (1 << 19) as f32;
 
 /// Records sorted by cell and direction.
 #[derive(Debug)]
@@ -211,6 +229,10 @@ impl RecordMap {
         let slack = 8.0 * f32::EPSILON * (center.abs().max_element() + radius);
         let radius2 = (radius + slack) * (radius + slack);
         let gap2 = |cell: i32, axis: usize| {
+            if cell.abs() >= FARTHEST_CELL {
+                // All that is further away is kept here too.
+                return 0.0;
+            }
             let start = cell as f32 * self.cell_size;
             let gap = (start - center[axis])
                 .max(center[axis] - start - self.cell_size)
@@ -241,7 +263,7 @@ fn floor(x: f32) -> i32 {
 }
 
 /// Bound of a cell's coordinates: 22 bits and a sign. That far from the origin single precision tells positions apart to half a
-/// cell.
+/// cell, and queries reach further ([`Reach::at`]).
 const FARTHEST_CELL: i32 = (1 << 22) - 1;
 
 #[cfg(test)]

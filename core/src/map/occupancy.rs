@@ -44,7 +44,7 @@ impl Occupancy {
 
     /// Marks what a query at `center` and the unit vector `direction` can count. `last` is the memory of a run of queries.
     pub fn mark(&self, center: Vec3, direction: Vec3, last: &mut LastMarked) {
-        let radius = Vec3::splat(self.reach.radius);
+        let radius = Vec3::splat(self.reach.at(center).radius);
         let low = cell(center - radius, self.cells_per_unit);
         let high = cell(center + radius, self.cells_per_unit);
         let windows = Windows::around(direction, self.reach.sin_theta).cells(self.row_shift);

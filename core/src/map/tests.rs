@@ -180,6 +180,61 @@ fn a_query_reads_few_records_that_do_not_count() {
     }
 }
 
+/// Far from the origin positions lie on a lattice that is coarse against the radius. Queries reach further there, so that what they
+/// find stands for the area of their disc: neither nothing nor a multiple. Cells beyond the last are one.
+#[test]
+fn far_from_the_origin_queries_find_what_their_disc_holds() {
+    const COUNT: u64 = 40_000;
+    for doublings in [10, 21, 22, 23, 26, 40] {
+        let radius = 0.02_f32;
+        let distance = radius * (2.0_f32).powi(doublings);
+        let reach = Reach::new(radius, PI);
+        let disc = reach.at(Vec3::new(distance, 0.0, -distance)).radius();
+        assert_eq!(disc > radius, doublings > 19);
+        // A square of eight discs' widths in the plane y = 0.
+        let half = 8.0 * disc;
+        let all: Vec<Record> = (0..COUNT)
+            .map(|i| {
+                let offset = (2.0 * PathRandom::new(7, 1, Stream::Light, i).next_2d() - 1.0) * half;
+                let position = Vec3::new(distance + offset.x, 0.0, offset.y - distance);
+                Record::new(position, Vec3::Y, Vec3::Y, Spectrum::ONE, 1)
+            })
+            .collect();
+        let map = RecordMap::build(chunked(&all, 999), &reach, false);
+        let occupancy = Occupancy::new(&reach, 100);
+        let (mut counted, mut queries) = (0, 0.0);
+        for i in 0..200 {
+            let offset = (2.0 * PathRandom::new(8, 1, Stream::Camera, i).next_2d() - 1.0) * 0.8 * half;
+            let center = Vec3::new(distance + offset.x, 0.0, offset.y - distance);
+            let wide = reach.at(center);
+            let mut mine = Vec::new();
+            map.query(center, &wide, |_| mine.push(()));
+            let inside = |r: &&Record| (r.position - center).length_squared() < wide.radius * wide.radius;
+            assert_eq!(
+                mine.len(),
+                all.iter().filter(inside).count(),
+                "2^{doublings} radii away"
+            );
+            occupancy.mark(center, Vec3::Y, &mut Default::default());
+            assert!(
+                all.iter()
+                    .filter(inside)
+                    .all(|r| occupancy.may_count(r.position, r.direction()))
+            );
+            let mut candidates = Candidates::new(&map);
+            let _ = candidates.gather(std::iter::once((center, Vec3::Y)), &reach);
+            let mut together = 0;
+            candidates.query(center, Vec3::Y, &wide, |_| together += 1);
+            assert_eq!(together, mine.len());
+            counted += mine.len();
+            queries += 1.0;
+        }
+        let expected = queries * COUNT as f32 * PI * disc * disc / (4.0 * half * half);
+        let ratio = counted as f32 / expected;
+        assert!((ratio - 1.0).abs() < 0.03, "2^{doublings} radii away: {ratio}");
+    }
+}
+
 #[test]
 fn an_empty_map_finds_nothing() {
     let reach = Reach::new(1.0, 0.5);

@@ -90,6 +90,18 @@ pub fn pow(x: f32, y: f32) -> f32 {
     libm::powf(x, y)
 }
 
+/// `e^x - 1` without cancellation at small `x`.
+#[must_use]
+pub fn exp_m1(x: f32) -> f32 {
+    libm::expm1f(x)
+}
+
+/// `ln(1 + x)` without cancellation at small `x`.
+#[must_use]
+pub fn ln_1p(x: f32) -> f32 {
+    libm::log1pf(x)
+}
+
 /// Complementary error function, `1 - erf(x)`.
 #[must_use]
 pub fn erfc(x: f32) -> f32 {

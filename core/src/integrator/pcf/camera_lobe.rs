@@ -1,6 +1,7 @@
 //! Cones that point to the camera.
 
-use crate::math::{Frame, PI, TAU, Vec2, Vec3, exp, pow, safe_sqrt, sin, sin_cos, warp::one_minus_cos};
+use crate::math::warp::{about_z, one_minus_cos, square_to_sphere};
+use crate::math::{Frame, PI, TAU, Vec2, Vec3, exp, exp_m1, ln_1p, sin};
 use crate::sensor::{Sensor, Towards};
 
 /// A normalised lobe `(n + 1) / (2 pi) cos^n` about the direction to the camera; what falls below the surface is mirrored
@@ -8,12 +9,18 @@ use crate::sensor::{Sensor, Towards};
 pub(super) struct CameraLobe<'a> {
     camera: &'a Sensor,
     theta: f32,
+    defensive: f32,
 }
 
 impl<'a> CameraLobe<'a> {
-    /// Lobes as wide as the angular bandwidth `theta` [radians] and the angle under which the lens is seen.
-    pub(super) fn new(camera: &'a Sensor, theta: f32) -> Self {
-        Self { camera, theta }
+    /// Lobes as wide as the angular bandwidth `theta` [radians] and the angle under which the lens is seen. The share `defensive` of
+    /// the samples goes to all directions.
+    pub(super) fn new(camera: &'a Sensor, theta: f32, defensive: f32) -> Self {
+        Self {
+            camera,
+            theta,
+            defensive,
+        }
     }
 
     /// The lobe at a surface point; `None` at the camera itself.
@@ -28,6 +35,7 @@ impl<'a> CameraLobe<'a> {
             axis: direction,
             normal: on_one_side.then_some(if height < 0.0 { -normal } else { normal }),
             exponent: (2.0 / one_minus_cos((self.theta + lens_angle).min(PI)) - 2.0).max(0.0),
+            defensive: self.defensive,
         })
     }
 }
@@ -38,14 +46,20 @@ pub(super) struct LobeAt {
     /// Geometric normal on the camera's side, at whose plane the lobe is mirrored.
     normal: Option<Vec3>,
     exponent: f32,
+    /// Share of the samples that goes to all directions.
+    defensive: f32,
 }
 
 impl LobeAt {
-    pub(super) fn sample(&self, u: Vec2) -> Vec3 {
-        let cos = pow(1.0 - u.x, 1.0 / (self.exponent + 1.0));
-        let (sin_phi, cos_phi) = sin_cos(TAU * u.y);
-        let sin = safe_sqrt(1.0 - cos * cos);
-        let direction = Frame::from_normal(self.axis).to_world(Vec3::new(sin * cos_phi, sin * sin_phi, cos));
+    pub(super) fn sample(&self, choice: f64, u: Vec2) -> Vec3 {
+        if choice < f64::from(self.defensive) {
+            return square_to_sphere(u);
+        }
+        // 1 - (1 - u)^(1 / (n + 1))
+        let one_minus_cos = -exp_m1(ln_1p(-u.x) / (self.exponent + 1.0));
+        let direction = Frame::from_normal(self.axis)
+            .to_world(about_z(one_minus_cos, u.y))
+            .normalize();
         match self.normal {
             Some(normal) if direction.dot(normal) < 0.0 => mirrored(direction, normal),
             _ => direction,
@@ -54,11 +68,12 @@ impl LobeAt {
 
     /// Solid-angle density [1/sr].
     pub(super) fn pdf(&self, direction: Vec3) -> f32 {
-        match self.normal {
+        let lobe = match self.normal {
             None => self.lobe(direction),
             Some(normal) if direction.dot(normal) < 0.0 => 0.0,
             Some(normal) => self.lobe(direction) + self.lobe(mirrored(direction, normal)),
-        }
+        };
+        self.defensive / (4.0 * PI) + (1.0 - self.defensive) * lobe
     }
 
     fn lobe(&self, direction: Vec3) -> f32 {
@@ -66,7 +81,7 @@ impl LobeAt {
         if one_minus_cos >= 1.0 {
             return 0.0;
         }
-        (self.exponent + 1.0) / TAU * exp(self.exponent * libm::log1pf(-one_minus_cos))
+        (self.exponent + 1.0) / TAU * exp(self.exponent * ln_1p(-one_minus_cos))
     }
 }
 

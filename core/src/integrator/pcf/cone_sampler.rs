@@ -1,7 +1,7 @@
 //! Where a cone points: the direction samplers of PCF (thesis, section 4.2), combined by the power heuristic (4.3).
 
 use super::camera_lobe::{CameraLobe, LobeAt};
-use super::importons::{Importons, Mixture};
+use super::importons::{DEFENSIVE, Importons, Mixture};
 use crate::integrator::light_path::Arrival;
 use crate::integrator::vertex::Vertex;
 use crate::integrator::{Bandwidth, Job};
@@ -69,11 +69,16 @@ impl<'a> ConeSampler<'a> {
         importons: Option<Importons>,
     ) -> Self {
         let uses = |sampler| settings.samplers.contains(&sampler);
+        let alone = !uses(DirectionSampler::Bsdf) && !uses(DirectionSampler::Importon);
+        // The other techniques have a density in every direction that carries light. Alone, camera connections need one too: a
+        // lookup vertex beyond the first wants radiance away from the camera.
+        let defensive = if alone { DEFENSIVE } else { 0.0 };
         Self {
             job,
             beta: settings.mis_beta,
             bsdf: uses(DirectionSampler::Bsdf),
-            camera: uses(DirectionSampler::Camera).then(|| CameraLobe::new(&job.scene.sensor, bandwidth.theta)),
+            camera: uses(DirectionSampler::Camera)
+                .then(|| CameraLobe::new(&job.scene.sensor, bandwidth.theta, defensive)),
             importons,
         }
     }
@@ -111,7 +116,7 @@ impl<'a> ConeSampler<'a> {
         let mut random = self.random(arrival);
         let (u, choice, v) = (random.next_2d(), random.next_choice(), random.next_2d());
         let sampled = [
-            (CAMERA, techniques.camera.as_ref().map(|lobe| lobe.sample(u))),
+            (CAMERA, techniques.camera.as_ref().map(|lobe| lobe.sample(choice, u))),
             (
                 IMPORTON,
                 techniques.importons.as_ref().map(|mixture| mixture.sample(choice, v)),

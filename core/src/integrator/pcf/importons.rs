@@ -6,8 +6,8 @@
 use super::query::{Queries, Query, Surface};
 use crate::integrator::Bandwidth;
 use crate::map::{Reach, Record, RecordMap};
-use crate::math::warp::{one_minus_cos, square_to_cone, square_to_sphere};
-use crate::math::{Frame, PI, TAU, Vec2, Vec3};
+use crate::math::warp::{Cone, square_to_sphere};
+use crate::math::{PI, Vec2, Vec3};
 use crate::settings::{DirectionSampler, PcfSettings};
 use crate::spectrum::Spectrum;
 
@@ -22,7 +22,7 @@ const PROBES: usize = 256;
 
 /// Share of the samples that are spread over all directions, so that no direction is without density where importons were
 /// left out (a defensive mixture: Hesterberg 1995).
-const DEFENSIVE: f32 = 0.1;
+pub(super) const DEFENSIVE: f32 = 0.1;
 
 /// Widening of the lobes against the rounding of stored directions [radians].
 const ROUNDING: f32 = 1.5e-4;
@@ -31,8 +31,8 @@ const ROUNDING: f32 = 1.5e-4;
 pub(super) struct Importons {
     map: RecordMap,
     reach: Reach,
-    /// `1 - cos` of the lobes' half angle.
-    one_minus_cos: f32,
+    /// The directions of a lobe.
+    cone: Cone,
 }
 
 impl Importons {
@@ -70,7 +70,7 @@ impl Importons {
                 map_of(every(stride))
             },
             reach,
-            one_minus_cos: one_minus_cos((bandwidth.theta + ROUNDING).min(PI)),
+            cone: Cone::of_angle((bandwidth.theta + ROUNDING).min(PI)),
         })
     }
 
@@ -78,7 +78,7 @@ impl Importons {
     pub(super) fn around(&self, position: Vec3) -> Mixture {
         let mut mixture = Mixture {
             lobes: Vec::new(),
-            one_minus_cos: self.one_minus_cos,
+            cone: self.cone,
         };
         self.map.query(position, &self.reach, |importon| {
             mixture.add(importon.direction(), importon.weight()[0]);
@@ -113,7 +113,7 @@ fn mean_neighbours<'q>(importons: &RecordMap, probes: impl Iterator<Item = &'q Q
 pub(super) struct Mixture {
     /// Axis of each lobe, and the importance up to and with it.
     lobes: Vec<(Vec3, f64)>,
-    one_minus_cos: f32,
+    cone: Cone,
 }
 
 impl Mixture {
@@ -135,9 +135,7 @@ impl Mixture {
             .lobes
             .partition_point(|(_, sum)| *sum <= target)
             .min(self.lobes.len() - 1);
-        Frame::from_normal(self.lobes[chosen].0)
-            .to_world(square_to_cone(u, 1.0 - self.one_minus_cos))
-            .normalize()
+        self.cone.sample_about(self.lobes[chosen].0, u)
     }
 
     /// Solid-angle density [1/sr].
@@ -148,12 +146,12 @@ impl Mixture {
         };
         let (mut covered, mut before) = (0.0, 0.0);
         for (axis, sum) in &self.lobes {
-            if 0.5 * (direction - *axis).length_squared() < self.one_minus_cos {
+            if self.cone.holds(*axis, direction) {
                 covered += sum - before;
             }
             before = *sum;
         }
-        DEFENSIVE * UNIFORM + (1.0 - DEFENSIVE) * (covered / total) as f32 / (TAU * self.one_minus_cos)
+        DEFENSIVE * UNIFORM + (1.0 - DEFENSIVE) * (covered / total) as f32 * self.cone.pdf()
     }
 }
 
@@ -163,7 +161,7 @@ impl Mixture {
     pub(super) fn of(lobes: &[(Vec3, f32)], theta: f32) -> Self {
         let mut mixture = Self {
             lobes: Vec::new(),
-            one_minus_cos: one_minus_cos(theta),
+            cone: Cone::of_angle(theta),
         };
         for (axis, importance) in lobes {
             mixture.add(*axis, *importance);

@@ -1,7 +1,7 @@
 //! Kernels: how much a cone counts for a query.
 
 use crate::integrator::Bandwidth;
-use crate::map::{Candidate, Candidates, Reach};
+use crate::map::{Candidate, Candidates, LEAST_ANGLE, Reach};
 use crate::math::{PI, TAU, Vec3, sqr, warp::one_minus_cos};
 use crate::settings::{KernelShape, PcfSettings};
 use crate::spectrum::Spectrum;
@@ -21,7 +21,7 @@ pub(super) struct Kernel<'a> {
 
 /// The kernel's size on a kind of surface.
 struct Width {
-    bandwidth: Bandwidth,
+    theta: f32,
     reach: Reach,
     /// `1 / (pi sigma^2 2 pi (1 - cos theta))` (thesis, equation 3.6) [1 / (unit^2 sr)].
     height: f32,
@@ -30,7 +30,7 @@ struct Width {
 impl Width {
     fn new(bandwidth: Bandwidth) -> Self {
         Self {
-            bandwidth,
+            theta: bandwidth.theta,
             reach: Reach::new(bandwidth.sigma, bandwidth.theta),
             height: 1.0 / (PI * sqr(bandwidth.sigma) * TAU * one_minus_cos(bandwidth.theta)),
         }
@@ -40,7 +40,7 @@ impl Width {
 impl<'a> Kernel<'a> {
     pub(super) fn new(settings: &'a PcfSettings, bandwidth: Bandwidth) -> Self {
         let glossy = Bandwidth {
-            theta: bandwidth.theta * settings.theta_glossy,
+            theta: (bandwidth.theta * settings.theta_glossy).max(LEAST_ANGLE),
             ..bandwidth
         };
         Self {
@@ -60,9 +60,28 @@ impl<'a> Kernel<'a> {
         self.shape
     }
 
-    /// Size of the kernel about a query.
-    pub(super) fn bandwidth(&self, query: &Query) -> Bandwidth {
-        self.width(query).bandwidth
+    /// Size of the kernel about a query, for each length of light paths that has a share of the radius of its own.
+    pub(super) fn bandwidths(&self, query: &Query) -> impl Iterator<Item = Bandwidth> {
+        let width = self.width(query);
+        let radius = width.reach.at(query.position).radius();
+        (0..self.lengths()).map(move |length| Bandwidth {
+            sigma: self.share_of_radius(length) * radius,
+            theta: width.theta,
+        })
+    }
+
+    /// How many lengths of light paths are told apart.
+    pub(super) fn lengths(&self) -> usize {
+        self.sigma_by_length.len().max(1)
+    }
+
+    /// The index of the length of light paths with `edges` edges.
+    fn length(&self, edges: u8) -> usize {
+        (usize::from(edges) - 1).min(self.lengths() - 1)
+    }
+
+    fn share_of_radius(&self, length: usize) -> f32 {
+        self.sigma_by_length.get(length).copied().unwrap_or(1.0)
     }
 
     fn width(&self, query: &Query) -> &Width {
@@ -70,35 +89,39 @@ impl<'a> Kernel<'a> {
     }
 
     /// `sum_j K(psi_j - psi) weight_j` over the cones gathered for the query (thesis, equation 3.11) [W/(unit^2 sr)], and how many records
-    /// were tested and counted.
-    pub(super) fn sum(&self, cones: &Candidates, query: &Query) -> (Spectrum, u64, u64) {
+    /// were tested and counted. `on_surface`: for each length of light paths the share of the kernel on the query's surface, which
+    /// the sum is divided by; empty without a surface test.
+    pub(super) fn sum(&self, cones: &Candidates, query: &Query, on_surface: &[f32]) -> (Spectrum, u64, u64) {
         let width = self.width(query);
+        let reach = width.reach.at(query.position);
         let mut sum = Spectrum::ZERO;
         let mut counted = 0;
-        let tested = cones.query(query.position, query.direction, &width.reach, |cone| {
-            if cone.edges() > query.limit || (self.surface_test && !on_same_surface(&cone, query, &width.reach)) {
+        let tested = cones.query(query.position, query.direction, &reach, |cone| {
+            if cone.edges() > query.limit {
                 return;
             }
-            let value = self.value(&cone, query, &width.reach);
+            let length = self.length(cone.edges());
+            let radius = self.share_of_radius(length) * reach.radius();
+            if self.surface_test && !on_same_surface(&cone, query, radius) {
+                return;
+            }
+            let value = self.value(&cone, query, radius, &reach);
             if value > 0.0 {
                 counted += 1;
-                sum += cone.weight() * value;
+                sum += cone.weight() * (value / on_surface.get(length).unwrap_or(&1.0));
             }
         });
-        (sum * width.height, tested, counted)
+        let height = width.height * sqr(width.reach.radius() / reach.radius());
+        (sum * height, tested, counted)
     }
 
-    /// The kernel over the height of the box.
+    /// The kernel in a disc of the given radius, over the height of a box of the reach.
     #[inline]
-    fn value(&self, cone: &Candidate, query: &Query, reach: &Reach) -> f32 {
+    fn value(&self, cone: &Candidate, query: &Query, radius: f32, reach: &Reach) -> f32 {
         if self.shape == KernelShape::Box && self.sigma_by_length.is_empty() {
             return 1.0;
         }
-        let share = match self.sigma_by_length {
-            [] => 1.0,
-            shares => shares[(usize::from(cone.edges()) - 1).min(shares.len() - 1)],
-        };
-        let radius2 = sqr(share * reach.radius());
+        let radius2 = sqr(radius);
         let distance2 = (cone.position() - query.position).length_squared();
         if distance2 >= radius2 {
             return 0.0;
@@ -107,10 +130,11 @@ impl<'a> Kernel<'a> {
             KernelShape::Box => 1.0,
             KernelShape::Epanechnikov => {
                 let chord2 = (cone.direction() - query.direction).length_squared();
-                2.0 * (1.0 - distance2 / radius2) * 2.0 * (1.0 - chord2 / reach.chord2()).max(0.0)
+                // No two directions are further apart than opposite ones.
+                2.0 * (1.0 - distance2 / radius2) * 2.0 * (1.0 - chord2 / reach.chord2().min(4.0)).max(0.0)
             }
         };
-        shape / sqr(share)
+        shape * (sqr(reach.radius()) / radius2)
     }
 }
 
@@ -122,11 +146,63 @@ pub(super) const OFF_PLANE: f32 = 0.25;
 pub(super) const NORMALS_APART: f32 = 0.7;
 
 /// Whether a cone may be taken for one of the surface that the query lies on: close to its tangent plane, with a similar
-/// normal, and leaving on the same side. On a smooth surface all three hold as the kernel shrinks.
-fn on_same_surface(cone: &Candidate, query: &Query, reach: &Reach) -> bool {
+/// normal, and leaving on the same side. On a smooth surface all three hold as the kernel's `radius` shrinks.
+fn on_same_surface(cone: &Candidate, query: &Query, radius: f32) -> bool {
     let off_plane = (cone.position() - query.position).dot(query.normal).abs();
     let side = |direction: Vec3| direction.dot(query.normal) > 0.0;
-    off_plane < OFF_PLANE * reach.radius()
+    off_plane < OFF_PLANE * radius
         && cone.normal().dot(query.normal).abs() > NORMALS_APART
         && side(cone.direction()) == side(query.direction)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::{Record, RecordMap};
+    use crate::math::warp::square_to_sphere;
+    use crate::random::{PathRandom, Stream};
+
+    /// Records spread evenly over a square and over all directions, of light paths of one and two edges in turn.
+    fn evenly(count: u64, half: f32) -> Vec<Record> {
+        (0..count)
+            .map(|i| {
+                let mut random = PathRandom::new(5, 1, Stream::Light, i);
+                let place = (2.0 * random.next_2d() - 1.0) * half;
+                let direction = square_to_sphere(random.next_2d());
+                Record::new(place.extend(0.0), Vec3::Z, direction, Spectrum::ONE, 1 + (i % 2) as u32)
+            })
+            .collect()
+    }
+
+    /// Every kernel integrates to one over positions and directions, up to the widest: all directions.
+    #[test]
+    fn kernels_integrate_to_one() {
+        const COUNT: u64 = 400_000;
+        let records = evenly(COUNT, 1.0);
+        let query = Query::at(Vec3::new(0.05, -0.02, 0.0), Vec3::new(0.48, -0.6, 0.64), Vec3::Z);
+        for kernel in [KernelShape::Box, KernelShape::Epanechnikov] {
+            for sigma_by_length in [vec![], vec![0.6, 1.0]] {
+                for theta in [0.4, 1.5, 2.5, PI] {
+                    let settings = PcfSettings {
+                        kernel,
+                        sigma_by_length: sigma_by_length.clone(),
+                        ..Default::default()
+                    };
+                    let bandwidth = Bandwidth { sigma: 0.7, theta };
+                    let kernel = Kernel::new(&settings, bandwidth);
+                    let map = RecordMap::build(vec![records.clone()], kernel.reach(), false);
+                    let mut cones = Candidates::new(&map);
+                    let _ = cones.gather(std::iter::once((query.position, query.direction)), kernel.reach());
+                    let (sum, _, counted) = kernel.sum(&cones, &query, &[]);
+                    let integral = sum[0] * 4.0 * 4.0 * PI / COUNT as f32;
+                    // The noise of a sum of squares of weights up to 4, at 4 deviations.
+                    let allowed = 4.0 * 1.5 / (counted as f32).sqrt();
+                    assert!(
+                        (integral - 1.0).abs() < allowed,
+                        "{settings:?}, {theta}: {integral}, {counted}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -19,7 +19,7 @@ mod kernel;
 mod query;
 pub mod workload;
 
-use super::light_path::{LightPaths, batches};
+use super::light_path::LightPaths;
 use super::{Bandwidth, Counts, Iteration, Job, Observer, Phase, RenderError, edge_limit};
 use crate::map::{Occupancy, Record, RecordMap};
 use crate::settings::{LookupVertex, PcfSettings};
@@ -29,9 +29,6 @@ use importons::Importons;
 use kernel::Kernel;
 use query::Queries;
 use std::ops::Range;
-
-/// Camera paths whose queries are held at a time, so that memory has a bound for any number of them.
-const CAMERA_PATHS_PER_PASS: usize = 1 << 22;
 
 /// Renders an iteration with cones counted within `bandwidth` in position and direction.
 ///
@@ -56,7 +53,7 @@ fn render_culling(
 ) -> Result<Iteration, RenderError> {
     let mut counts = Counts::default();
     let total = job.pixel_count();
-    let per_pass = (CAMERA_PATHS_PER_PASS / settings.samples as usize).max(1);
+    let per_pass = (job.batches.camera_paths / settings.samples as usize).max(1);
     let mut pixels = Vec::with_capacity(total);
     for first in (0..total).step_by(per_pass) {
         let pass = Pass::trace_camera(
@@ -119,7 +116,7 @@ impl<'a> Pass<'a> {
         counts: &mut Counts,
     ) -> Result<Vec<Spectrum>, RenderError> {
         let occupancy = culling.then(|| self.queries.occupancy(self.kernel.reach()));
-        for batch in batches(self.settings.photons) {
+        for batch in self.job.batches.of_light_paths(self.settings.photons) {
             let records = self.trace_light(batch, occupancy.as_ref(), observer, counts)?;
             observer.phase(Phase::BuildMap);
             let map = RecordMap::build(records, self.kernel.reach(), self.settings.surface_test);

@@ -60,6 +60,9 @@ pub(super) struct Queries {
     pixels: Vec<Spectrum>,
     /// In the order of pixels.
     queries: Vec<Query>,
+    /// For each query and each length of light paths the share of the kernel that lies on the query's surface; empty where nobody
+    /// asks.
+    on_surface: Vec<f32>,
     groups: Groups,
 }
 
@@ -115,23 +118,40 @@ impl Queries {
         Ok(Self {
             pixels,
             queries: lists.concat(),
+            on_surface: Vec::new(),
             groups: Groups::default(),
         })
     }
 
-    /// Makes up for the part of each query's kernel that does not lie on its surface. Returns the number of rays.
+    /// Finds the part of each query's kernel that lies on its surface, which the sums are divided by. Returns the number of rays.
     pub(super) fn clip(&mut self, job: &Job, kernel: &Kernel) -> u64 {
-        let clip_task = |(task, queries): (usize, &mut [Query])| {
+        let lengths = kernel.lengths();
+        let mut on_surface = vec![1.0; self.queries.len() * lengths];
+        let clip_task = |(task, (queries, shares)): (usize, (&[Query], &mut [f32]))| {
             let mut tracer = Tracer::new(job.scene);
-            for (offset, query) in queries.iter_mut().enumerate() {
+            for (offset, (query, shares)) in queries.iter().zip(shares.chunks_mut(lengths)).enumerate() {
                 let disc = (task * PER_TASK + offset) as u64;
                 let mut random = PathRandom::new(job.seed, job.iteration, Stream::Disc, disc);
-                let bandwidth = kernel.bandwidth(query);
-                query.throughput *= 1.0 / share_on_surface(&mut tracer, query, bandwidth, kernel.shape(), &mut random);
+                for (share, bandwidth) in shares.iter_mut().zip(kernel.bandwidths(query)) {
+                    *share = share_on_surface(&mut tracer, query, bandwidth, kernel.shape(), &mut random);
+                }
             }
             tracer.rays
         };
-        self.queries.par_chunks_mut(PER_TASK).enumerate().map(clip_task).sum()
+        let tasks = self.queries.par_chunks(PER_TASK);
+        let rays = tasks
+            .zip(on_surface.par_chunks_mut(PER_TASK * lengths))
+            .enumerate()
+            .map(clip_task)
+            .sum();
+        self.on_surface = on_surface;
+        rays
+    }
+
+    /// The shares of [`Self::clip`] of a query.
+    fn shares_on_surface(&self, index: u32) -> &[f32] {
+        let lengths = self.on_surface.len() / self.queries.len();
+        &self.on_surface[index as usize * lengths..][..lengths]
     }
 
     /// Puts queries of the same place into groups.
@@ -188,11 +208,11 @@ impl Queries {
                 let (mut sums, mut totals) = (Vec::with_capacity(end - starts[0] as usize), [0; 2]);
                 let ends = starts[1..].iter().map(|start| *start as usize).chain([end]);
                 for (start, end) in starts.iter().zip(ends) {
-                    let group = &self.groups.order[*start as usize..end];
-                    let group = group.iter().map(|index| &self.queries[*index as usize]);
+                    let indices = &self.groups.order[*start as usize..end];
+                    let group = indices.iter().map(|index| &self.queries[*index as usize]);
                     totals[0] += candidates.gather(group.clone().map(|q| (q.position, q.direction)), kernel.reach());
-                    for query in group {
-                        let (sum, tested, counted) = kernel.sum(&candidates, query);
+                    for (query, index) in group.zip(indices) {
+                        let (sum, tested, counted) = kernel.sum(&candidates, query, self.shares_on_surface(*index));
                         sums.push(sum);
                         totals = [totals[0] + tested, totals[1] + counted];
                     }
@@ -226,5 +246,23 @@ fn is_lookup(lookup: LookupVertex, vertex: &Vertex, edges: u32) -> bool {
     match lookup {
         LookupVertex::Fixed(k) => edges == k,
         LookupVertex::Auto => !vertex.is_glossier_than(GLOSSY_ROUGHNESS),
+    }
+}
+
+#[cfg(test)]
+impl Query {
+    /// A query on a rough surface for light paths of any length.
+    pub(super) fn at(position: Vec3, direction: Vec3, normal: Vec3) -> Self {
+        Self {
+            position,
+            direction,
+            normal,
+            throughput: Spectrum::ONE,
+            camera_edges: 1,
+            limit: u8::MAX,
+            surface: Surface::Rough,
+            pixel: 0,
+            radiance: Spectrum::ZERO,
+        }
     }
 }

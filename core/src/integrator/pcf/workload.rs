@@ -1,7 +1,7 @@
 //! The cones and queries of an iteration, for measurements of maps.
 
 use super::Pass;
-use crate::integrator::{Bandwidth, Counts, Job, RenderError, Unobserved, bandwidth};
+use crate::integrator::{Bandwidth, Batches, Counts, Job, RenderError, Unobserved, bandwidth};
 use crate::map::Record;
 use crate::math::Vec3;
 use crate::scene::Scene;
@@ -34,6 +34,7 @@ impl Workload {
             seed,
             iteration,
             sampling: settings.sampling,
+            batches: Batches::default(),
         };
         let mut counts = Counts::default();
         let pixels = 0..job.pixel_count();

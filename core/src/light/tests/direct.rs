@@ -1,5 +1,5 @@
 use super::*;
-use crate::chi_square::{assert_directions, integrate_sphere};
+use crate::chi_square::{assert_directions, assert_narrow, integrate_sphere};
 
 fn draw(lights: &Lights, geometry: &Geometry, from: Vec3, random: &mut PathRandom) -> Option<LightSample> {
     lights.sample_direct(geometry, from, random.next_choice(), random.next_choice_2d())
@@ -248,6 +248,55 @@ fn points_and_directional_lights_have_their_closed_form() {
     );
     assert!((sample.pdf - (1.0 - share)).abs() < 1e-3 && sample.delta);
     assert_eq!(lights.background(Vec3::Y), Spectrum::ZERO);
+}
+
+/// A small sphere far away fills a cone whose cosine is one at single precision.
+#[test]
+fn narrow_lights_are_sampled_with_their_density() {
+    let axis = Vec3::new(0.48, -0.6, 0.64);
+    for theta in [1e-2_f32, 1e-3, 1e-4] {
+        let geometry = Geometry::build(vec![sphere(axis, theta, false)]);
+        let lights = Lights::build(vec![area_light(0, 1.0)], &geometry);
+        let pdf = draw(&lights, &geometry, Vec3::ZERO, &mut random(1)).unwrap().pdf;
+        assert_narrow(
+            &format!("sphere of {theta}"),
+            6,
+            (axis, theta),
+            |random| draw(&lights, &geometry, Vec3::ZERO, random).map(|sample| sample.wi),
+            |_| pdf,
+        );
+        // With its linear falloff from the axis on, a spot's flux is not uniform over the cone, but its directions are.
+        let spot = Light::Spot {
+            to_world: facing(Vec3::ONE, axis, Vec3::ONE),
+            intensity: gray(2.0),
+            cutoff_angle: theta,
+            beam_width: 0.0,
+        };
+        let lights = Lights::build(vec![spot], &geometry);
+        let emit = |random: &mut PathRandom| {
+            lights.sample_emission(
+                &geometry,
+                random.next_choice(),
+                random.next_choice_2d(),
+                random.next_choice_2d(),
+            )
+        };
+        let one_minus_cos = crate::math::warp::one_minus_cos(theta);
+        assert_narrow(
+            &format!("spot of {theta}"),
+            6,
+            (axis, theta),
+            |random| emit(random).map(|sample| sample.ray.direction),
+            |_| 1.0 / (2.0 * PI * one_minus_cos),
+        );
+        let mut numbers = random(5);
+        let flux = mean(100_000, || {
+            emit(&mut numbers).map_or(0.0, |sample| f64::from(sample.flux[0]))
+        });
+        // For a small angle the integral of 2 (1 - t / theta) 2 pi t is 2 pi theta^2 / 3.
+        let power = 2.0 * std::f64::consts::PI * f64::from(theta).powi(2) / 3.0;
+        assert_mean("narrow spot", flux, power);
+    }
 }
 
 /// However weak a light is beside the others, it is chosen with its part of the defensive share, by connections and by light paths,

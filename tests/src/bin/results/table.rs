@@ -6,7 +6,7 @@ mod truth;
 
 use crate::Options;
 use crate::render::{each, mean_luminance, progress};
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
 use layout::{Chain, Emitter, Eye, Layout};
 use photonfarm_core::random::Sampling;
@@ -48,15 +48,20 @@ impl Column {
         }
     }
 
+    /// First kernel for the chain: radius [scene units] and half angle [degrees].
+    fn kernel(self, chain: Chain) -> (f32, f32) {
+        match chain {
+            Chain::S | Chain::Ss => (0.06, 5.0),
+            Chain::Sds if self == Self::FirstVertexPcf => (0.1, 8.0),
+            _ => (0.1, 25.0),
+        }
+    }
+
     /// Settings for the chain, with `photons` light paths. Kernels are small against everything that light and shade vary over; directions count widely
     /// where a diffuse surface is looked up, which looks the same from everywhere, and narrowly on mirrors.
     fn settings(self, chain: Chain, photons: u32) -> IntegratorSettings {
         let max_depth = Some(chain.edges());
-        let (sigma, theta) = match chain {
-            Chain::S | Chain::Ss => (0.06, 5.0),
-            Chain::Sds if self == Self::FirstVertexPcf => (0.1, 8.0),
-            _ => (0.1, 25.0),
-        };
+        let (sigma, theta) = self.kernel(chain);
         match self {
             Self::Path => IntegratorSettings::Path(PathSettings {
                 samples: 64,
@@ -102,6 +107,66 @@ impl Ratio {
     /// Whether nothing at all was seen.
     fn is_black(self) -> bool {
         self.value == 0.0
+    }
+}
+
+/// Share of the truth that the kernels' bias may take off or add.
+const BIAS: f64 = 0.05;
+
+/// Standard errors that a cell of the whole table may miss its expectation by, beside [`BIAS`]. An error is that of eight runs or
+/// more, and there are some 300 cells.
+const DEVIATIONS: f64 = 5.0;
+
+impl Row {
+    /// What a column's ratio should be but for bias and noise: 1, or what the kernel makes of a light that it is wider than. Parallel
+    /// rays all look at the middle of the environment's cap, which a kernel of directions averages with what lies around it.
+    fn expected(&self, column: Column) -> f64 {
+        let Layout { emitter, eye, chain } = self.layout;
+        if must_be_black(column, &self.layout) {
+            return 0.0;
+        }
+        match column {
+            Column::NestedPcf | Column::FirstVertexPcf
+                if eye == Eye::Orthographic && emitter == Emitter::Environment && chain.shows_the_light() =>
+            {
+                truth::blurred_cap(column.kernel(chain).1.to_radians().into())
+            }
+            _ => 1.0,
+        }
+    }
+
+    /// The cells that are neither right nor black where they must be, in words.
+    fn outside(&self) -> impl Iterator<Item = String> {
+        self.ratios.iter().filter_map(|(column, ratio)| {
+            let expected = self.expected(*column);
+            let reach = if expected == 0.0 {
+                0.0
+            } else {
+                BIAS + DEVIATIONS * ratio.error
+            };
+            ((ratio.value - expected).abs() > reach || ratio.is_black() != (expected == 0.0)).then(|| {
+                let Layout { emitter, eye, chain } = self.layout;
+                format!(
+                    "{}, {}, {}, {}: {:.3} ± {:.3} for {expected:.3}",
+                    eye.name(),
+                    emitter.name(),
+                    chain.name(),
+                    column.name(),
+                    ratio.value,
+                    ratio.error
+                )
+            })
+        })
+    }
+}
+
+/// Whether the integrator has no way to sample light along the chain.
+fn must_be_black(column: Column, layout: &Layout) -> bool {
+    let singular = layout.emitter.is_delta();
+    match column {
+        Column::Path => singular && (layout.chain.shows_the_light() || layout.chain == Chain::Sds),
+        Column::Pppm | Column::Pcf => singular && layout.chain.shows_the_light(),
+        Column::NestedPcf | Column::FirstVertexPcf => false,
     }
 }
 
@@ -214,7 +279,14 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let effort = if options.small { Effort::small() } else { Effort::full() };
     let bar = progress("table", (layouts(&effort).len() * Column::ALL.len()) as u64);
     let rows = measure(&effort, &bar)?;
-    report::write(&options.out, &effort.eyes, &rows)
+    report::write(&options.out, &effort.eyes, &rows)?;
+    let outside: Vec<String> = rows.iter().flat_map(Row::outside).collect();
+    ensure!(
+        outside.is_empty(),
+        "cells that miss their expectation by more than bias and noise explain:\n{}",
+        outside.join("\n")
+    );
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 use super::super::importons::Mixture;
 use super::super::tests::load;
 use super::*;
-use crate::chi_square::assert_directions;
+use crate::chi_square::{assert_directions, assert_narrow};
 use crate::integrator::vertex::Tracer;
 use crate::material::TransportMode;
 use crate::math::Vec2;
@@ -34,6 +34,72 @@ fn importon_mixtures_are_sampled_with_their_density() {
     }
 }
 
+/// Half angles at which `1 - cos` has few digits at single precision or none.
+const NARROW: [f32; 3] = [1e-2, 1e-3, 1e-4];
+
+#[test]
+fn narrow_lobes_are_sampled_with_their_density() {
+    let scene = load("mirror-glass.xml");
+    let position = Vec3::new(0.2, -0.3, 0.1);
+    let axis = scene.sensor.direction_from(position).unwrap().direction;
+    for theta in NARROW {
+        let mixture = Mixture::of(
+            &[
+                (axis, 1.0),
+                ((axis + 0.5 * theta * axis.any_orthonormal_vector()).normalize(), 1e-7),
+            ],
+            theta,
+        );
+        let label = format!("mixture of {theta}");
+        assert_narrow(
+            &label,
+            9,
+            (axis, theta),
+            |random| {
+                let choice = random.next_choice();
+                Some(mixture.sample(choice, random.next_2d()))
+            },
+            |direction| mixture.pdf(direction),
+        );
+        for defensive in [0.0, DEFENSIVE] {
+            let lobe = CameraLobe::new(&scene.sensor, theta, defensive);
+            let lobe = lobe.at(position, Vec3::Y).unwrap();
+            assert_narrow(
+                &format!("camera lobe of {theta}"),
+                9,
+                (axis, 2.0 * theta),
+                |random| {
+                    let choice = random.next_choice();
+                    Some(lobe.sample(choice, random.next_2d()))
+                },
+                |direction| lobe.pdf(direction),
+            );
+        }
+    }
+}
+
+/// Alone, camera connections have a density wherever a query may look.
+#[test]
+fn a_camera_lobe_with_a_defensive_share_covers_all_directions() {
+    let scene = load("mirror-glass.xml");
+    let position = Vec3::new(0.2, -0.3, 0.1);
+    let lobe = CameraLobe::new(&scene.sensor, 0.3, DEFENSIVE);
+    let lobe = lobe.at(position, Vec3::Y).unwrap();
+    assert_directions(
+        "defensive camera lobe",
+        1,
+        |random| {
+            let choice = random.next_choice();
+            Some(lobe.sample(choice, random.next_2d()))
+        },
+        |direction| lobe.pdf(direction),
+    );
+    for path in 0..1000 {
+        let direction = square_to_sphere(PathRandom::new(1, 1, Stream::Probe, path).next_2d());
+        assert!(lobe.pdf(direction) >= 0.99 * DEFENSIVE / (4.0 * crate::math::PI));
+    }
+}
+
 /// Wherever some technique has a density, the shares of all techniques that have one sum to one.
 #[test]
 fn weights_of_the_techniques_sum_to_one() {
@@ -49,7 +115,7 @@ fn weights_of_the_techniques_sum_to_one() {
         if vertex.is_delta() {
             continue;
         }
-        let lobe = CameraLobe::new(&scene.sensor, 0.3);
+        let lobe = CameraLobe::new(&scene.sensor, 0.3, 0.0);
         for (bsdf, camera, importon, beta) in [
             (true, true, true, 2.0),
             (true, false, true, 1.3),

@@ -4,8 +4,14 @@ use super::case::{Method, number};
 use super::fit::Slope;
 use super::{CONFIDENCE, Effort, Outcome, RUNS_OF_GROUP};
 use crate::csv;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use std::path::Path;
+
+/// Confidence of the intervals that no line may leave: 25 lines together leave them by chance once in two hundred times.
+const FAMILY_CONFIDENCE: f64 = 0.9998;
+
+/// The verdict that fails the command.
+const OUTSIDE: &str = "outside";
 
 /// One fitted slope with what it is compared to.
 struct Line<'a> {
@@ -64,8 +70,10 @@ impl Line<'_> {
             } else {
                 "range of N"
             }
+        } else if self.slope.holds(self.expected, FAMILY_CONFIDENCE) {
+            "chance"
         } else {
-            "outside"
+            OUTSIDE
         }
     }
 
@@ -99,7 +107,8 @@ a straight line is fitted to their logarithms.
   N squared, each taken over the runs of a group. One interval in twenty misses by chance.
 * **verdict**: *agrees*: the interval holds the published exponent. *range of N*: it does not, but it holds the slope that
   the same theory expects at these N. *differs as explained below*: the exponent of this scene or sampler is another, and the interval holds
-  that one, or its slope at these N.
+  that one, or its slope at these N. *chance*: the 95 % interval holds none of these, but that of 99.98 % does, which all lines together leave
+  once in two hundred times. Anything else is *outside*, and the command fails.
 
 ## Scenes
 
@@ -204,5 +213,13 @@ pub(super) fn write(folder: &Path, effort: &Effort, outcomes: &[Outcome]) -> Res
         }
     }
     let path = folder.join("slopes.md");
-    std::fs::write(&path, text.trim_end().to_owned() + "\n").with_context(|| format!("cannot write {}", path.display()))
+    std::fs::write(&path, text.trim_end().to_owned() + "\n")
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    let outside = lines.iter().filter(|line| line.verdict() == OUTSIDE).count();
+    ensure!(
+        outside == 0,
+        "{outside} slopes are outside of what theory allows: see {}",
+        path.display()
+    );
+    Ok(())
 }

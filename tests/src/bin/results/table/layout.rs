@@ -187,6 +187,15 @@ impl Layout {
         }
     }
 
+    /// Where the mirrors put the light.
+    pub(super) fn placed_light(&self) -> Aim {
+        match self.chain {
+            Chain::D | Chain::Dsd => self.light(),
+            Chain::S | Chain::Ss => self.light().mirrored(0.0),
+            Chain::Sds => self.light().mirrored(mirror_height(self.chain)),
+        }
+    }
+
     /// Where the camera is, unfolded.
     pub(super) fn camera(&self) -> Aim {
         match self.chain {
@@ -205,12 +214,10 @@ impl Layout {
     /// The scene, with mirrors, and light and camera where the mirrors put them.
     pub(super) fn scene(&self) -> Result<Scene> {
         let height = mirror_height(self.chain);
-        let (light, camera) = (self.light(), self.camera());
-        let (light, camera) = match self.chain {
-            Chain::D | Chain::Dsd => (light, camera),
-            Chain::S => (light.mirrored(0.0), camera),
-            Chain::Ss => (light.mirrored(0.0), camera.mirrored(height)),
-            Chain::Sds => (light.mirrored(height), camera.mirrored(height)),
+        let (light, camera) = (self.placed_light(), self.camera());
+        let camera = match self.chain {
+            Chain::D | Chain::Dsd | Chain::S => camera,
+            Chain::Ss | Chain::Sds => camera.mirrored(height),
         };
         load(&format!(
             "{}{}{}",

@@ -7,16 +7,6 @@ const FALSE_ALARMS: f64 = 1e-4;
 /// Bound on the bias of the kernels.
 const BIAS: f64 = 0.02;
 
-/// Whether the integrator has no way to sample light along the chain.
-fn must_be_black(column: Column, layout: &Layout) -> bool {
-    let singular = layout.emitter.is_delta();
-    match column {
-        Column::Path => singular && (layout.chain.shows_the_light() || layout.chain == Chain::Sds),
-        Column::Pppm | Column::Pcf => singular && layout.chain.shows_the_light(),
-        Column::NestedPcf | Column::FirstVertexPcf => false,
-    }
-}
-
 /// Six iterations tell little about the noise of one cell, so ratios are held against 1 by column: the mean of a column's
 /// ratios, with the error of the cells that are not black together (five degrees of freedom each).
 #[test]
@@ -47,6 +37,26 @@ fn cells_are_black_where_they_must_be_and_one_elsewhere() {
         assert!((mean - 1.0).abs() < reach, "{column:?}: {mean} +- {error}");
         assert!(error < 0.025, "the test has power: {column:?}: {error}");
     }
+}
+
+/// The lower mirror's back takes 4.19 % of the parallel rays that would see the environment's cap in both mirrors; and a lens is a
+/// mean over its points.
+#[test]
+fn true_values_are_those_of_finer_sums() {
+    for (eye, emitter, chain, expected) in [
+        (Eye::Orthographic, Emitter::Environment, Chain::Ss, 0.9581),
+        (Eye::Orthographic, Emitter::Environment, Chain::S, 1.0),
+        (Eye::ThinLens, Emitter::Area, Chain::S, 0.01204),
+        (Eye::Pinhole, Emitter::Area, Chain::S, 0.01215),
+    ] {
+        let layout = Layout { emitter, eye, chain };
+        let truth = truth::mean_radiance(&layout).unwrap().unwrap();
+        assert!(
+            (truth / expected - 1.0).abs() < 2e-3,
+            "{layout:?}: {truth} for {expected}"
+        );
+    }
+    assert!((truth::blurred_cap(5.0_f64.to_radians()) - 0.3733).abs() < 1e-3);
 }
 
 /// The images of a point light, by the formulas and by counting rays that come within a small disc of it.

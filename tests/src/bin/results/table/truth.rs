@@ -4,7 +4,7 @@ use super::layout::{
     ALBEDO, Aim, Chain, Emitter, Eye, FIRST_PATCH, LENS_RADIUS, LIGHT_RADIUS, Layout, cap_radiance, mirror_height,
 };
 use anyhow::Result;
-use photonfarm_core::geometry::Ray;
+use photonfarm_core::geometry::{Ray, SurfacePoint};
 use photonfarm_core::math::{Frame, Vec2, Vec3};
 use photonfarm_core::scene::Scene;
 use std::f64::consts::{PI, TAU};
@@ -15,14 +15,14 @@ pub(super) fn mean_radiance(layout: &Layout) -> Result<Option<f64>> {
     Ok(match layout.chain {
         Chain::S | Chain::Ss if layout.emitter.is_delta() => image_of_delta_light(layout),
         Chain::S | Chain::Ss => {
-            let light = layout.light();
-            Some(over_image(&unfolded, 192, |ray| {
-                seen_light(layout.emitter, &light, ray)
+            let scene = layout.scene()?;
+            Some(over_image(layout.eye, &scene, 192, |ray| {
+                seen_light(layout, &scene, *ray)
             }))
         }
         Chain::D | Chain::Sds => {
             let light = layout.light();
-            Some(over_image(&unfolded, 32, |ray| {
+            Some(over_image(layout.eye, &unfolded, 32, |ray| {
                 ALBEDO / PI * irradiance(layout.emitter, &light, on_floor(ray), None)
             }))
         }
@@ -30,18 +30,23 @@ pub(super) fn mean_radiance(layout: &Layout) -> Result<Option<f64>> {
     })
 }
 
-/// Mean over the image and the lens, on a grid of `grid` by `grid` places of the image.
-fn over_image(scene: &Scene, grid: u32, value: impl Fn(&Ray) -> f64) -> f64 {
-    const LENS: [f32; 4] = [0.125, 0.375, 0.625, 0.875];
+/// Mean over the image and the lens, on a grid of `grid` by `grid` places of the image; a lens is seen through at sixteen points
+/// from each of them.
+fn over_image(eye: Eye, scene: &Scene, grid: u32, value: impl Fn(&Ray) -> f64) -> f64 {
+    let side = if eye == Eye::ThinLens { 4 } else { 1 };
+    let middle = |index: u32, side: u32| {
+        let [x, y] = [index % side, index / side].map(|n| n as f32 + 0.5);
+        Vec2::new(x, y) / side as f32
+    };
     let [width, height] = scene.sensor.resolution.map(|n| n as f32);
     let mut sum = 0.0;
     for place in 0..grid * grid {
-        let at = Vec2::new((place % grid) as f32 + 0.5, (place / grid) as f32 + 0.5) / grid as f32;
-        // One lens point of sixteen for each place: the neighbours have the others.
-        let lens = Vec2::new(LENS[(place % grid % 4) as usize], LENS[(place / grid % 4) as usize]);
-        sum += value(&scene.sensor.ray(at * Vec2::new(width, height), lens));
+        let at = middle(place, grid) * Vec2::new(width, height);
+        for lens in 0..side * side {
+            sum += value(&scene.sensor.ray(at, middle(lens, side)));
+        }
     }
-    sum / f64::from(grid * grid)
+    sum / f64::from(grid * grid * side * side)
 }
 
 fn on_floor(ray: &Ray) -> Vec3 {
@@ -149,15 +154,28 @@ fn irradiance(emitter: Emitter, light: &Aim, at: Vec3, shades: Option<&Scene>) -
     arrivals(emitter, light, at).into_iter().map(part).sum()
 }
 
-/// Radiance of an extended light along a ray, unfolded.
-fn seen_light(emitter: Emitter, light: &Aim, ray: &Ray) -> f64 {
-    let axis = -light.direction();
-    if emitter == Emitter::Environment {
-        return cap_radiance(f64::from(ray.direction.dot(axis).min(1.0)).acos());
+/// Radiance of an extended light along a ray of the camera, followed by its mirrors: their backs are black, and block some rays.
+fn seen_light(layout: &Layout, scene: &Scene, mut ray: Ray) -> f64 {
+    // The area light's disc is the first shape.
+    let is_light = |hit: &SurfacePoint| layout.emitter == Emitter::Area && hit.shape.0 == 0;
+    for _ in 1..layout.chain.edges() {
+        let Some(hit) = scene.geometry.intersect(&ray) else {
+            return 0.0;
+        };
+        let towards_normal = ray.direction.dot(hit.geometric_normal);
+        if is_light(&hit) || towards_normal >= 0.0 {
+            return 0.0;
+        }
+        ray = hit.ray_towards(ray.direction - 2.0 * towards_normal * hit.geometric_normal);
     }
-    let distance = (light.origin - ray.origin).dot(axis) / ray.direction.dot(axis);
-    let hit = ray.origin + distance * ray.direction;
-    f64::from((hit - light.origin).length() < LIGHT_RADIUS && distance > 0.0)
+    match (layout.emitter, scene.geometry.intersect(&ray)) {
+        (Emitter::Environment, None) => {
+            let axis = -layout.placed_light().direction();
+            cap_radiance(f64::from(ray.direction.dot(axis).min(1.0)).acos())
+        }
+        (_, Some(hit)) => f64::from(is_light(&hit) && ray.direction.dot(hit.geometric_normal) < 0.0),
+        _ => 0.0,
+    }
 }
 
 /// Light that goes from the first patch by the mirror to the second one, which the camera sees.
@@ -175,7 +193,7 @@ fn second_patch(layout: &Layout, unfolded: &Scene, scene: &Scene) -> f64 {
             (at + Vec3::new(0.0, 2.0 * mirror_height(layout.chain), 0.0), flux)
         })
         .collect();
-    over_image(unfolded, 24, |ray| {
+    over_image(layout.eye, unfolded, 24, |ray| {
         let at = on_floor(ray);
         assert!(
             irradiance(layout.emitter, &light, at, Some(scene)) == 0.0,
@@ -224,4 +242,12 @@ fn image_of_delta_light(layout: &Layout) -> Option<f64> {
         falloff * distance.powi(3) / (f64::from(focus) * area)
     };
     Some(points.iter().map(density).sum::<f64>() / points.len() as f64)
+}
+
+/// Share of the cap's radiance that a kernel of half angle `theta` [radians] leaves of a ray along its axis: the mean over the cone.
+pub(super) fn blurred_cap(theta: f64) -> f64 {
+    const STEPS: u32 = 10_000;
+    let rim = 1.0 - theta.cos();
+    let part = |step: u32| cap_radiance((1.0 - rim * (f64::from(step) + 0.5) / f64::from(STEPS)).acos());
+    (0..STEPS).map(part).sum::<f64>() / f64::from(STEPS)
 }
