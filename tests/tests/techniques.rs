@@ -3,7 +3,8 @@
 //! Radiance is compared path length by path length: the image with `max_depth` n less the image with n - 1, of the same
 //! seed, holds the paths of n edges and nothing else, since random numbers do not depend on `max_depth`. Means over the image
 //! are compared by z-tests; a test of all lengths together fails by chance with probability `FALSE_ALARMS`. Seeds are fixed,
-//! so a test that passes once passes always.
+//! so a test that passes once passes always. Errors of the whole image of a few percent, whatever the technique, are noticed by
+//! `combinations.rs`.
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
@@ -37,10 +38,6 @@ fn mean(scene: &Scene, settings: &IntegratorSettings, seed: u64, iteration: u32)
     let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum();
     sum / image.pixels.len() as f64
 }
-
-/// Standard error of the mean over the whole image, over that mean, that every comparison must reach: an error of 5 % is then four
-/// standard errors.
-const NOISE: f64 = 0.0125;
 
 /// Mean luminance by path length and at last that of all lengths, over iterations; `settings` makes settings of a `max_depth`.
 fn by_length(scene: &Scene, seed: u64, iterations: u32, settings: impl Fn(u32) -> IntegratorSettings) -> Moments {
@@ -96,11 +93,7 @@ fn check(scene: &Scene, truth: &Moments, label: &str, settings: &PcfSettings) {
         100.0 * test.relative_noise,
         100.0 * test.relative_difference
     );
-    let whole = |moments: &Moments| moments.squared_error()[LONGEST as usize];
-    let noise = (whole(&estimate) + whole(truth)).sqrt() / truth.mean()[LONGEST as usize];
-    println!("{label}: noise of the whole image {:.2} %", 100.0 * noise);
     assert!(test.passes(), "{label}: {test:?}");
-    assert!(noise < NOISE, "{label}: the test has power: {noise}");
     assert!(test.relative_noise < 0.1, "{label}: the test has power: {test:?}");
 }
 

@@ -1,10 +1,11 @@
 use super::*;
 use photonfarm_tests::statistics::student_quantile;
 
-/// Probability with which each check of a mean fails by chance; there are five, of fixed seeds.
-const FALSE_ALARMS: f64 = 1e-4;
+/// Probability with which each check of a mean fails by chance; there are five, of fixed seeds. With the errors that six iterations
+/// reach, an error of 3 % (`path`) to 7 % (`pcf k=1`) of a column is noticed.
+const FALSE_ALARMS: f64 = 1e-3;
 
-/// Bound on the bias of the kernels.
+/// Bound on the bias of the kernels; `path` has none.
 const BIAS: f64 = 0.02;
 
 /// Six iterations tell little about the noise of one cell, so ratios are held against 1 by column: the mean of a column's
@@ -29,25 +30,27 @@ fn cells_are_black_where_they_must_be_and_one_elsewhere() {
         }
         let (mean, error) = (sum / f64::from(cells), squared_error.sqrt() / f64::from(cells));
         // The cells' errors differ: as few degrees of freedom as four cells have.
-        let reach = BIAS + error * student_quantile(FALSE_ALARMS, 20);
+        let bias = if column == Column::Path { 0.0 } else { BIAS };
+        let reach = bias + error * student_quantile(FALSE_ALARMS, 20);
         println!(
             "{}: mean ratio {mean:.4} +- {error:.4} over {cells} cells",
             column.name()
         );
         assert!((mean - 1.0).abs() < reach, "{column:?}: {mean} +- {error}");
-        assert!(error < 0.025, "the test has power: {column:?}: {error}");
+        assert!(error < 0.015, "the test has power: {column:?}: {error}");
     }
 }
 
-/// The lower mirror's back takes 4.19 % of the parallel rays that would see the environment's cap in both mirrors; and a lens is a
-/// mean over its points.
+/// The lower mirror's back takes 4.19 % of the parallel rays that would see the environment's cap in both mirrors. The area light lies on the
+/// camera's axis, 0.9 behind what is in focus at the distance 1: from every point of the lens it covers the share
+/// `pi (0.08 / 1.9)^2 / 0.68^2` of the image.
 #[test]
 fn true_values_are_those_of_finer_sums() {
     for (eye, emitter, chain, expected) in [
         (Eye::Orthographic, Emitter::Environment, Chain::Ss, 0.9581),
         (Eye::Orthographic, Emitter::Environment, Chain::S, 1.0),
-        (Eye::ThinLens, Emitter::Area, Chain::S, 0.01204),
-        (Eye::Pinhole, Emitter::Area, Chain::S, 0.01215),
+        (Eye::ThinLens, Emitter::Area, Chain::S, 0.012046),
+        (Eye::Pinhole, Emitter::Area, Chain::S, 0.012046),
     ] {
         let layout = Layout { emitter, eye, chain };
         let truth = truth::mean_radiance(&layout).unwrap().unwrap();

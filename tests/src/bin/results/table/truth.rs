@@ -16,7 +16,9 @@ pub(super) fn mean_radiance(layout: &Layout) -> Result<Option<f64>> {
         Chain::S | Chain::Ss if layout.emitter.is_delta() => image_of_delta_light(layout),
         Chain::S | Chain::Ss => {
             let scene = layout.scene()?;
-            Some(over_image(layout.eye, &scene, 192, |ray| {
+            // The light's edge is resolved to a percent of its radius or better.
+            let grid = if layout.eye == Eye::ThinLens { 384 } else { 768 };
+            Some(over_image(layout.eye, &scene, grid, |ray| {
                 seen_light(layout, &scene, *ray)
             }))
         }
