@@ -3,7 +3,7 @@
 //! A node is always its left child plus its right child, so each node has one value, whichever of its descendants were
 //! at hand. The sum of all nodes at hand adds the maximal ones, left to right.
 
-use crate::film::{FilmError, Image, Node};
+use crate::film::{FilmError, Image, Node, Total};
 
 /// Nodes from left to right, siblings merged as they come: only maximal nodes are held.
 #[derive(Debug, Default)]
@@ -40,8 +40,7 @@ impl Forest {
 #[derive(Debug, Default)]
 pub struct Average {
     stretch: Forest,
-    total: Option<Node>,
-    iterations: u64,
+    total: Option<Total>,
 }
 
 impl Average {
@@ -67,15 +66,14 @@ impl Average {
         let total = self
             .total
             .ok_or_else(|| FilmError::Size("no nodes to average".into()))?;
-        Ok(Image::from_sum(&total, self.iterations))
+        Ok(total.into_image())
     }
 
     fn close_stretch(&mut self) -> Result<(), FilmError> {
         for node in std::mem::take(&mut self.stretch).into_nodes() {
-            self.iterations += node.iterations();
             match &mut self.total {
                 Some(total) => total.add(&node)?,
-                None => self.total = Some(node),
+                None => self.total = Some(Total::new(node)),
             }
         }
         Ok(())

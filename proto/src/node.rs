@@ -1,22 +1,22 @@
 //! Nodes of the reduction tree: their names, and their images as bytes.
 //!
-//! A node's image is a header of [`NodeHeader::BYTES`] bytes and planes of little-endian `f32`: the sums, channels
-//! interleaved, then the sums of squares, then what a sequential integrator goes on from after the node, if it is one;
+//! A node's image is a header of [`NodeHeader::BYTES`] bytes and planes of little-endian `f32`: the pixels, each with its sum of
+//! radiance and its squared error ([`Node::pixels`]), then what a sequential integrator goes on from after the node, if it is one;
 //! rows from the top. The same bytes are stored and hashed, so that equal digests mean equal bits.
 
 use crate::id::JobId;
 use crate::limits::{LimitError, Limits};
 use crate::planes::values;
-use photonfarm_core::film::{FilmError, Node};
+use photonfarm_core::film::{FilmError, Node, VALUES_PER_PIXEL};
 use photonfarm_core::settings::STATISTICS_PER_PIXEL;
-use photonfarm_core::spectrum::CHANNELS;
+use photonfarm_core::spectrum::{CHANNELS, Spectrum};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use thiserror::Error;
 use utoipa::ToSchema;
 
 /// Version of stored nodes.
-pub const NODE_VERSION: u16 = 1;
+pub const NODE_VERSION: u16 = 2;
 
 /// Place of a node in the tree: it covers leaves `[index 2^level, (index + 1) 2^level)`. Leaf `k` is iteration `k + 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
@@ -158,7 +158,6 @@ pub enum NodeError {
 }
 
 const MAGIC: [u8; 4] = *b"PHFN";
-const VALUES_PER_PIXEL: u64 = CHANNELS as u64 + 1;
 
 impl NodeHeader {
     /// Size of the header.
@@ -189,10 +188,10 @@ impl NodeHeader {
         self.image_bytes() + self.statistics_bytes()
     }
 
-    /// Size of the planes of sums: of radiance, and of squares.
+    /// Size of the pixels.
     #[must_use]
     pub fn image_bytes(&self) -> u64 {
-        u64::from(self.width) * u64::from(self.height) * VALUES_PER_PIXEL * 4
+        u64::from(self.width) * u64::from(self.height) * VALUES_PER_PIXEL as u64 * 4
     }
 
     /// Size of the statistics, which come last.
@@ -218,6 +217,13 @@ impl NodeHeader {
 
     /// Reads a header and checks it against the limits.
     pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, NodeError> {
+        match Self::of_any_version(bytes, limits)? {
+            (NODE_VERSION, header) => Ok(header),
+            (found, _) => Err(NodeError::Version { found }),
+        }
+    }
+
+    fn of_any_version(bytes: &[u8], limits: &Limits) -> Result<(u16, Self), NodeError> {
         let found = bytes.len() as u64;
         let short = NodeError::Length {
             found,
@@ -228,7 +234,7 @@ impl NodeHeader {
             return Err(NodeError::Magic);
         }
         let version = u16::from_le_bytes([bytes[4], bytes[5]]);
-        if version != NODE_VERSION {
+        if !(1..=NODE_VERSION).contains(&version) {
             return Err(NodeError::Version { found: version });
         }
         let statistics = u16::from_le_bytes([bytes[6], bytes[7]]);
@@ -246,13 +252,14 @@ impl NodeHeader {
         }
         limits.check_resolution(width, height)?;
         let job = JobId(u64::from(job_low) | u64::from(job_high) << 32);
-        Ok(Self {
+        let header = Self {
             job,
             key,
             width,
             height,
             statistics,
-        })
+        };
+        Ok((version, header))
     }
 
     /// Reads the planes and checks every value.
@@ -264,14 +271,12 @@ impl NodeHeader {
             });
         }
         let (image, statistics) = planes.split_at(self.image_bytes() as usize);
-        let (sum, squares) = image.split_at(image.len() / VALUES_PER_PIXEL as usize * CHANNELS);
         let node = Node {
             width: self.width,
             height: self.height,
             level: self.key.level,
             index: self.key.index,
-            sum: values(sum),
-            sum_of_squares: values(squares),
+            pixels: values(image),
             statistics: values(statistics),
         };
         node.check()?;
@@ -285,23 +290,42 @@ pub fn encode_node(job: JobId, node: &Node) -> Vec<u8> {
     let header = NodeHeader::of(job, node);
     let mut bytes = Vec::with_capacity(NodeHeader::BYTES + header.plane_bytes() as usize);
     bytes.extend_from_slice(&header.to_bytes());
-    for value in node.sum.iter().chain(&node.sum_of_squares).chain(&node.statistics) {
+    for value in node.pixels.iter().chain(&node.statistics) {
         bytes.extend_from_slice(&value.to_le_bytes());
     }
     bytes
 }
 
-/// Reads a node's image and checks it.
+/// Reads a node's image and checks it; one of version 1 as well, so that pictures of ended jobs stay.
 pub fn decode_node(bytes: &[u8], limits: &Limits) -> Result<(JobId, Node), NodeError> {
-    let header = NodeHeader::from_bytes(bytes, limits)?;
-    let node = header.read_planes(&bytes[NodeHeader::BYTES..])?;
+    let (version, header) = NodeHeader::of_any_version(bytes, limits)?;
+    let mut node = header.read_planes(&bytes[NodeHeader::BYTES..])?;
+    if version == 1 {
+        node.pixels = pixels_of_version_1(&node);
+    }
     Ok((header.job, node))
+}
+
+/// The pixels of version 1: all sums of radiance came first, then all sums of squared luminance, of which the squared error of the sum is
+/// made as of independent iterations.
+fn pixels_of_version_1(node: &Node) -> Vec<f32> {
+    let (sums, squares) = node.pixels.split_at(node.pixels.len() / VALUES_PER_PIXEL * CHANNELS);
+    let (sums, _) = sums.as_chunks::<CHANNELS>();
+    let n = node.iterations() as f32;
+    let pixel = |(sum, squares): (&[f32; CHANNELS], &f32)| {
+        let luminance = Spectrum::from_rgb(*sum).luminance();
+        let error = match node.level {
+            0 => 0.0,
+            _ => ((squares - luminance * (luminance / n)) * (n / (n - 1.0))).clamp(0.0, f32::MAX),
+        };
+        [sum[0], sum[1], sum[2], error]
+    };
+    sums.iter().zip(squares).flat_map(pixel).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_core::spectrum::Spectrum;
 
     fn node() -> Node {
         let pixels: Vec<Spectrum> = (0..6).map(|i| Spectrum::from_rgb([i as f32, 0.5, 1e-3])).collect();
@@ -326,6 +350,27 @@ mod tests {
         for other in [0, 1, 3] {
             bytes[6] = other;
             assert!(decode_node(&bytes, &limits).is_err(), "{other}");
+        }
+    }
+
+    #[test]
+    fn a_node_of_version_1_is_read() {
+        let leaf = |index, value| Node::leaf(index, 2, 1, &[Spectrum::splat(value), Spectrum::ONE]).unwrap();
+        let node = leaf(0, 1.0).merge(&leaf(1, 3.0)).unwrap();
+        let mut bytes = encode_node(JobId(3), &node);
+        bytes[4] = 1;
+        // Sums of both pixels, then sums of squares: 1 + 9 and 1 + 1.
+        let planes = [4.0_f32, 4.0, 4.0, 2.0, 2.0, 2.0, 10.0, 2.0].map(f32::to_le_bytes);
+        bytes[NodeHeader::BYTES..].copy_from_slice(planes.as_flattened());
+        let limits = Limits::default();
+        assert_eq!(decode_node(&bytes, &limits).unwrap(), (JobId(3), node));
+        assert!(matches!(
+            NodeHeader::from_bytes(&bytes, &limits),
+            Err(NodeError::Version { found: 1 })
+        ));
+        for version in [0, 3] {
+            bytes[4] = version;
+            assert!(matches!(decode_node(&bytes, &limits), Err(NodeError::Version { .. })));
         }
     }
 
@@ -392,7 +437,7 @@ mod tests {
     fn bad_pixels_are_refused() {
         for bad in [f32::NAN, f32::INFINITY, -1.0] {
             let mut node = node();
-            node.sum[4] = bad;
+            node.pixels[4] = bad;
             let bytes = encode_node(JobId(1), &node);
             assert!(
                 matches!(decode_node(&bytes, &Limits::default()), Err(NodeError::Film(_))),

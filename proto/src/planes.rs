@@ -1,19 +1,13 @@
-//! The planes of a node's image in pieces, as they arrive or are read: what their values may be, and their sums.
+//! The values of a node's image in pieces, as they arrive or are read, and what they may be.
 
 use crate::node::NodeHeader;
-use photonfarm_core::film::FilmError;
-use photonfarm_core::spectrum::CHANNELS;
+use photonfarm_core::film::{FilmError, VALUES_PER_PIXEL};
 
 /// The values of little-endian bytes.
 #[must_use]
 pub fn values(bytes: &[u8]) -> Vec<f32> {
     let (values, _) = bytes.as_chunks();
     values.iter().map(|value| f32::from_le_bytes(*value)).collect()
-}
-
-/// Adds values to others.
-pub fn add(to: &mut [f32], values: &[f32]) {
-    to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
 /// Writes values as little-endian bytes.
@@ -28,8 +22,7 @@ pub fn write(to: &mut [u8], values: &[f32]) {
 #[derive(Debug)]
 pub struct Pixels {
     width: u64,
-    /// Values of the plane of sums, and of that and the plane of squares.
-    sums: u64,
+    /// Values before the statistics.
     image: u64,
     /// Statistics of each pixel.
     statistics: u64,
@@ -45,10 +38,8 @@ impl Pixels {
     /// For planes that follow this header.
     #[must_use]
     pub fn of(header: &NodeHeader) -> Self {
-        let width = u64::from(header.width);
         Self {
-            width,
-            sums: width * u64::from(header.height) * CHANNELS as u64,
+            width: header.width.into(),
             image: header.image_bytes() / 4,
             statistics: header.statistics.into(),
             seen: 0,
@@ -93,8 +84,7 @@ impl Pixels {
                 .map(|(index, value)| {
                     let at = self.seen + index as u64;
                     let pixel = match at {
-                        _ if at < self.sums => at / CHANNELS as u64,
-                        _ if at < self.image => at - self.sums,
+                        _ if at < self.image => at / VALUES_PER_PIXEL as u64,
                         _ => (at - self.image) / self.statistics,
                     };
                     FilmError::Pixel {

@@ -26,8 +26,8 @@ pub struct Schedule {
     pub paused: bool,
     /// When the job ends at the latest, with its complete iterations from the first on [milliseconds since 1970, UTC].
     pub deadline_ms: Option<u64>,
-    /// The job ends at the first of 4, 8, 16, ... iterations at which the noise is at most this: the root mean square
-    /// of the pixels' standard errors of luminance over the mean luminance.
+    /// The job ends at the first of 4, 8, 16, ... iterations at which the noise is at most this: the mean of the pixels'
+    /// standard errors of luminance over the mean luminance, without the hundredth of the pixels with the largest errors.
     pub noise_target: Option<f64>,
     /// Tags that a worker must have.
     pub tags: BTreeSet<String>,
@@ -98,8 +98,9 @@ pub fn check_tags(tags: &BTreeSet<String>, field: &str) -> Result<(), LimitError
 pub struct Checkpoint {
     /// Iterations, from the first on, without a gap.
     pub iterations: u32,
-    /// Root mean square of the pixels' standard errors of luminance, over the mean luminance.
-    pub noise: f64,
+    /// Mean of the pixels' standard errors of luminance over the mean luminance, without the hundredth of the pixels with the
+    /// largest errors. Absent while all pixels are black: nothing was found yet.
+    pub noise: Option<f64>,
 }
 
 /// Why a job ended before its last iteration.

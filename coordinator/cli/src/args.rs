@@ -31,8 +31,9 @@ Examples:
   photonfarm render scene.xml -o small.exr -D width=320 -D height=240
       Gives values to the scene's <default> parameters.
 
-image.exr holds linear Rec. 709 radiance in 32-bit floats, the standard error of the luminance in
-the channel `standard_error`, and everything that repeats the render in its attributes. image.png
+image.exr holds linear Rec. 709 radiance in 32-bit floats, a rough standard error of the luminance
+in the channel `standard_error`, and everything that repeats the render in its attributes. Noise is
+the mean of these errors over the mean luminance, but for the worst hundredth of the pixels. image.png
 is for looking at: exposure and highlights follow the global operator of Reinhard et al. (2002).
 The same scene, settings and seed give the same image.exr on any machine, with any --threads.";
 

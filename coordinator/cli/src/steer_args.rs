@@ -117,7 +117,8 @@ pub(crate) struct ScheduleArgs {
     /// Tag that a worker must have (repeatable)
     #[arg(long, value_name = "TAG")]
     tag: Vec<String>,
-    /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance
+    /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance,
+    /// without the hundredth of the pixels with the largest errors
     #[arg(long, value_name = "X")]
     noise_target: Option<f64>,
     /// Stop after this time, such as 90s, 30m, 8h or 2d, with the iterations that are complete

@@ -8,6 +8,7 @@ use crate::progress::Progress;
 use crate::say;
 use crate::steer_args::WaitArgs;
 use anyhow::{Context, Result, bail};
+use photonfarm_core::picture;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobState, JobStatus};
 use std::path::Path;
@@ -125,11 +126,10 @@ pub(crate) async fn fetch(client: &Client, status: &JobStatus, output: &PictureF
     let exr = client.image(status.id, "exr").await?;
     let png = client.image(status.id, "png").await?;
     output.write(&exr, &png)?;
-    say::tell(format_args!(
-        "{}: {} iterations",
-        output.names(),
-        status.iterations_done
-    ));
+    let noise = picture::read_metadata(&exr)?.and_then(|metadata| metadata.noise);
+    let noise = noise.map_or_else(String::new, |noise| format!(", noise {noise:.4}"));
+    let (files, iterations) = (output.names(), status.iterations_done);
+    say::tell(format_args!("{files}: {iterations} iterations{noise}"));
     Ok(())
 }
 

@@ -12,9 +12,10 @@ use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::schedule::{Checkpoint, FIRST_CHECKPOINT_LEVEL, Stop, StopReason};
 
 impl Farm {
-    /// The noise at a checkpoint was measured: the job goes on or stops.
+    /// The noise at a checkpoint was measured: the job goes on or stops. It goes on where the noise is unknown, since nothing
+    /// was found yet.
     #[must_use]
-    pub fn checkpoint(&self, job: JobId, node: NodeKey, noise: f64) -> Decision<()> {
+    pub fn checkpoint(&self, job: JobId, node: NodeKey, noise: Option<f64>) -> Decision<()> {
         let due = self
             .jobs
             .get(&job)
@@ -52,14 +53,15 @@ impl Job {
         }
     }
 
-    fn checkpoint(&self, node: NodeKey, noise: f64) -> Vec<Change> {
+    fn checkpoint(&self, node: NodeKey, noise: Option<f64>) -> Vec<Change> {
         let iterations = node.end() as u32;
         let control = JobControl {
             checkpoint: Some(Checkpoint { iterations, noise }),
             ..self.control.clone()
         };
-        match self.control.schedule.noise_target {
-            Some(target) if noise <= target => self.stop(control, iterations, StopReason::Noise),
+        let target = self.control.schedule.noise_target;
+        match noise.zip(target) {
+            Some((noise, target)) if noise <= target => self.stop(control, iterations, StopReason::Noise),
             _ => vec![Change::JobChanged {
                 job: self.id(),
                 control,

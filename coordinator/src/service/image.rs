@@ -51,7 +51,10 @@ impl Service {
             };
             let metadata = metadata(&job);
             let encode = move || match format {
-                ImageFormat::Exr => picture::encode_exr(&image, &metadata),
+                ImageFormat::Exr => {
+                    let noise = image.noise();
+                    picture::encode_exr(&image, &PictureMetadata { noise, ..metadata })
+                }
                 ImageFormat::Png => picture::encode_png(&image),
             };
             let bytes = tokio::task::spawn_blocking(encode)
@@ -118,6 +121,7 @@ fn metadata(job: &Job) -> PictureMetadata {
         iterations: job.done(),
         sigma: bandwidth.map(|range| range.sigma),
         theta: bandwidth.and_then(|range| range.theta).filter(|_| has_angle),
+        noise: None,
     }
 }
 

@@ -4,12 +4,13 @@
 use super::at_hand::AtHand;
 use crate::scheduler::record::BlobName;
 use crate::store::{BlobReader, BlobStore, StoreError};
+use photonfarm_core::film::add_pixels;
 use photonfarm_proto::node::{NodeHeader, NodeKey};
 use photonfarm_proto::planes::{self, Pixels};
 use std::io::ErrorKind;
 use tokio::io::AsyncReadExt;
 
-/// Bytes read of each image at a time.
+/// Bytes read of each image at a time: whole pixels.
 const PIECE: usize = 1 << 18;
 
 /// A node that is to be made, and what it is made of.
@@ -63,7 +64,7 @@ pub(super) async fn add_up(
         for part in &mut parts {
             let mut sum = (part.header.key, part.read(piece.len()).await?);
             while let Some((_, mut left)) = stack.pop_if(|(left, _)| sum.0 == left.sibling()) {
-                planes::add(&mut left, &sum.1);
+                add_pixels(&mut left, &sum.1);
                 sum = (sum.0.parent(), left);
             }
             stack.push(sum);

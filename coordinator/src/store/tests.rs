@@ -115,7 +115,7 @@ pub(super) fn history() -> Vec<Vec<Change>> {
                 renderer: Some("1+x".into()),
                 checkpoint: Some(Checkpoint {
                     iterations: 4,
-                    noise: 0.25,
+                    noise: Some(0.25),
                 }),
                 ..JobControl::of(&spec())
             },

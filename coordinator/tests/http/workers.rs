@@ -156,7 +156,7 @@ async fn damaged_nodes_are_refused_and_nothing_counts() {
     .await;
     assert!(problem.detail.contains("3 x 2"), "{problem}");
     let mut poisoned = leaf(1, 0.5);
-    poisoned.sum[2] = f32::NAN;
+    poisoned.pixels[2] = f32::NAN;
     let poisoned = body(&upload(&next, &poisoned));
     expect_problem(farm.send("nodes", poisoned.clone()).await, ErrorCode::Invalid).await;
     expect_problem(farm.send("nodes", poisoned).await, ErrorCode::StaleLease).await;

@@ -25,6 +25,9 @@ pub struct PictureMetadata {
     pub sigma: Option<[f32; 2]>,
     /// Angular bandwidth of the first and the last iteration [radians]; `pcf` only.
     pub theta: Option<[f32; 2]>,
+    /// Mean standard error over mean luminance ([`Image::noise`](crate::film::Image::noise)); none where it is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f64>,
 }
 
 /// A metadata value of a picture file.
@@ -60,6 +63,7 @@ impl PictureMetadata {
             ("seed".to_owned(), integer(self.seed)),
             ("iterations".to_owned(), integer(self.iterations)),
         ];
+        entries.extend(self.noise.map(|noise| ("noise".to_owned(), Entry::Float(noise as f32))));
         for (name, range) in [("sigma", self.sigma), ("theta", self.theta)] {
             if let Some([first, last]) = range {
                 entries.push((format!("{name}_first"), Entry::Float(first)));

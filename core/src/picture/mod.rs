@@ -5,7 +5,7 @@ mod openexr;
 mod tone;
 
 pub use metadata::PictureMetadata;
-pub use openexr::{DecodedExr, decode_exr, encode_exr};
+pub use openexr::{DecodedExr, decode_exr, encode_exr, read_metadata};
 pub use tone::{ToneCurve, encode_png};
 
 use thiserror::Error;

@@ -178,10 +178,7 @@ pub fn decode_exr(bytes: &[u8], max_pixels: usize) -> Result<DecodedExr, Picture
         .non_parallel()
         .from_buffered(Cursor::new(bytes))?;
     let layer = picture.layer_data;
-    let metadata = match layer.attributes.other.get(&text(METADATA)) {
-        Some(AttributeValue::Text(json)) => Some(serde_json::from_slice(json.as_slice())?),
-        _ => None,
-    };
+    let metadata = metadata_in(&layer.attributes)?;
     Ok(DecodedExr {
         width: layer.size.width() as u32,
         height: layer.size.height() as u32,
@@ -189,6 +186,20 @@ pub fn decode_exr(bytes: &[u8], max_pixels: usize) -> Result<DecodedExr, Picture
         standard_error: layer.channel_data.pixels.standard_error,
         metadata,
     })
+}
+
+/// Reads how a picture was made, where the file is one of ours.
+pub fn read_metadata(bytes: &[u8]) -> Result<Option<PictureMetadata>, PictureError> {
+    let headers = MetaData::read_from_buffered(Cursor::new(bytes), false)?.headers;
+    let found = headers.iter().map(|header| metadata_in(&header.own_attributes));
+    found.reduce(|first, next| Ok(first?.or(next?))).unwrap_or(Ok(None))
+}
+
+fn metadata_in(attributes: &LayerAttributes) -> Result<Option<PictureMetadata>, PictureError> {
+    match attributes.other.get(&text(METADATA)) {
+        Some(AttributeValue::Text(json)) => Ok(Some(serde_json::from_slice(json.as_slice())?)),
+        _ => Ok(None),
+    }
 }
 
 /// Pixels while a file is read.
@@ -236,6 +247,7 @@ mod tests {
             iterations: 64,
             sigma: Some([0.1, 0.05]),
             theta: Some([0.3, 0.15]),
+            noise: Some(0.0625),
         }
     }
 
@@ -247,6 +259,8 @@ mod tests {
         assert_eq!(decoded.pixels, original.pixels);
         assert_eq!(decoded.standard_error, original.standard_error);
         assert_eq!(decoded.metadata, Some(metadata()));
+        let bytes = encode_exr(&original, &metadata()).unwrap();
+        assert_eq!(read_metadata(&bytes).unwrap(), Some(metadata()));
     }
 
     #[test]
@@ -274,6 +288,7 @@ mod tests {
         assert_eq!(attribute("sigma_first"), Some(AttributeValue::F32(0.1)));
         assert_eq!(attribute("sigma_last"), Some(AttributeValue::F32(0.05)));
         assert_eq!(attribute("theta_last"), Some(AttributeValue::F32(0.15)));
+        assert_eq!(attribute("noise"), Some(AttributeValue::F32(0.0625)));
         assert_eq!(attribute("scene_hash"), string("ab12"));
         assert_eq!(attribute("sigma1"), None);
         assert_eq!(header.own_attributes.software_name, Some(text("Photonfarm 1.2.3")));

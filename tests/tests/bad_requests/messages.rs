@@ -243,7 +243,7 @@ fn uploads_that_must_not_count() {
     let LeaseReply { assignment } = target.ask("/v1/worker/lease", &request);
     let lease = assignment.unwrap().lease;
     let mut bad_pixel = Node::leaf(lease.node.index, 2, 2, &[Spectrum::splat(0.5); 4]).unwrap();
-    bad_pixel.sum[3] = f32::NAN;
+    bad_pixel.pixels[4] = f32::NAN;
     let of_bad_pixel = NodeUpload {
         digest: BlobHash::of(&encode_node(job, &bad_pixel)),
         ..upload(worker, lease.token, job, lease.node)

@@ -169,9 +169,9 @@ fn images_that_cannot_be_are_refused_and_blamed() {
     {
         let attacker = Attacker::new(&client, &format!("pixel {number}"));
         let Some(lease) = attacker.lease(&[]) else { continue };
-        for plane in 0..2 {
+        for at in [4, 7] {
             let mut node = plain(lease.node, SIZE, 0.5);
-            [&mut node.sum, &mut node.sum_of_squares][plane][5] = value;
+            node.pixels[at] = value;
             let problem = attacker.deliver(&lease, &node).unwrap_err();
             assert!(
                 matches!(problem.code, ErrorCode::Invalid | ErrorCode::StaleLease),

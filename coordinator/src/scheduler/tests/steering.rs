@@ -154,11 +154,20 @@ fn a_noise_target_is_tested_at_checkpoints_and_leaves_out_the_rest() {
         "eight iterations wait, unmerged, for the test at four"
     );
     assert_eq!(farm.settle(job, 0).changes, []);
-    assert_eq!(farm.checkpoint(job, prefix(3), 0.1).changes, [], "not that one now");
-    commit(&mut farm, 0, |farm| farm.checkpoint(job, prefix(2), 0.7));
+    assert_eq!(
+        farm.checkpoint(job, prefix(3), Some(0.1)).changes,
+        [],
+        "not that one now"
+    );
+    let unknown = farm.checkpoint(job, prefix(2), None).changes;
+    assert!(
+        matches!(&unknown[..], [Change::JobChanged { control, .. }] if control.stop.is_none()),
+        "a prefix that is black goes on: {unknown:?}"
+    );
+    commit(&mut farm, 0, |farm| farm.checkpoint(job, prefix(2), Some(0.7)));
     merged(&mut farm);
     assert_eq!(due(&farm), Some(prefix(3)));
-    commit(&mut farm, 0, |farm| farm.checkpoint(job, prefix(3), 0.4));
+    commit(&mut farm, 0, |farm| farm.checkpoint(job, prefix(3), Some(0.4)));
     let stopped = farm.job(job).unwrap();
     assert_eq!((stopped.done(), stopped.leaves()), (8, 8));
     assert!(stopped.leases.is_empty() && stopped.control.stop.unwrap().asked == 100);

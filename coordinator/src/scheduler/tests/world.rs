@@ -271,7 +271,7 @@ impl World {
                 break;
             };
             if self
-                .transact(self.farm.checkpoint(id, node, noise(node.level)))
+                .transact(self.farm.checkpoint(id, node, Some(noise(node.level))))
                 .is_none()
             {
                 return;

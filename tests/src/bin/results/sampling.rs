@@ -213,6 +213,9 @@ fn write(options: &Options, seeds: usize, rows: &[Row]) -> Result<()> {
          variances of the average of N iterations over {seeds} seeds. \"Pixel\" is the mean variance of a pixel, \"picture\" the variance \
          of the picture's mean; in parentheses 95 % confidence intervals (jackknife over seeds). \"Noise\" is the standard deviation of a \
          pixel under independent sampling over the picture's mean.\n\n\
+         Iterations that balance each other are better than squares of single iterations tell: by the square root of the \"pixel\" column.\n\
+         The standard error in a picture comes from differences of halves instead, and is at most twice too large (`core/tests/noise.rs`,\n\
+         [FARM.md](../FARM.md#the-tree)).\n\n\
          | scene | integrator | N | noise | pixel | picture |\n| --- | --- | --- | --- | --- | --- |\n"
     );
     for row in rows {
