@@ -354,8 +354,8 @@ pub struct Image {
     /// Mean radiance, row by row from the top left.
     pub pixels: Vec<Spectrum>,
     /// Standard error of each pixel's luminance, from the difference of the halves of its iterations ([`add_pixels`]): rough for one
-    /// pixel, and right on average over many. Low-discrepancy iterations are better than it says, by up to two times in most
-    /// scenes. Empty where no two iterations are the children of one node.
+    /// pixel, and right on average over many. Low-discrepancy iterations are better than it says, by up to two and a half times.
+    /// Empty where no two iterations are the children of one node.
     pub standard_error: Vec<f32>,
 }
 

@@ -2,7 +2,13 @@
 //! command line (`--set name=value`) and in the image's metadata.
 
 use crate::random::Sampling;
+use crate::scene::Wishes;
+use serde::de::{Deserializer, Error as _, MapAccess, Visitor};
+use serde::ser::{Error as _, Serializer};
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::collections::BTreeSet;
+use std::fmt;
 use thiserror::Error;
 
 /// An integrator with its settings.
@@ -17,6 +23,140 @@ pub enum IntegratorSettings {
     Sppm(PppmSettings),
     /// Photon cone focusing (Chang 2019).
     Pcf(PcfSettings),
+}
+
+/// An integrator as it is asked for: some settings are given, and the others are *open*. The scene decides over those
+/// ([`IntegratorRequest::resolve`]). In JSON, what is left out is open.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IntegratorRequest {
+    /// With defaults in the place of what is open.
+    settings: IntegratorSettings,
+    open: BTreeSet<String>,
+}
+
+impl IntegratorRequest {
+    /// The settings, with defaults in the place of those that are open.
+    #[must_use]
+    pub fn with_defaults(&self) -> &IntegratorSettings {
+        &self.settings
+    }
+
+    /// The settings, if all of them are given.
+    #[must_use]
+    pub fn complete(&self) -> Option<&IntegratorSettings> {
+        self.open.is_empty().then_some(&self.settings)
+    }
+
+    /// All settings, as the scene decides over those that are open: they are those of the scene's own `<integrator>` if it is of the
+    /// same type, else the defaults with the scene's `max_depth`.
+    ///
+    /// This is the one place where this is decided, for the command line and for jobs that come over the network.
+    ///
+    /// # Errors
+    /// A setting that no image can be made with.
+    pub fn resolve(&self, wishes: &Wishes) -> Result<IntegratorSettings, SettingError> {
+        let own = wishes
+            .integrator
+            .as_ref()
+            .filter(|own| own.name() == self.settings.name());
+        let mut fields = fields_of(own.unwrap_or(&self.settings));
+        if own.is_none() && self.open.contains(MAX_DEPTH) {
+            fields.insert(MAX_DEPTH.to_owned(), wishes.max_depth.into());
+        }
+        for (name, value) in fields_of(&self.settings) {
+            if !self.open.contains(&name) {
+                fields.insert(name, value);
+            }
+        }
+        let settings: IntegratorSettings =
+            serde_json::from_value(Value::Object(fields)).map_err(|error| SettingError {
+                name: "integrator",
+                value: error.to_string(),
+                expected: "settings of one integrator",
+            })?;
+        settings.validate()?;
+        Ok(settings)
+    }
+
+    /// Whether settings are these, but for what is open.
+    #[must_use]
+    pub fn allows(&self, settings: &IntegratorSettings) -> bool {
+        let given = fields_of(&self.settings);
+        let mut given = given.into_iter().filter(|(name, _)| !self.open.contains(name));
+        let fields = fields_of(settings);
+        given.all(|(name, value)| fields.get(&name) == Some(&value))
+    }
+}
+
+const MAX_DEPTH: &str = "max_depth";
+
+/// The settings by name, the integrator's name under `type`.
+fn fields_of(settings: &IntegratorSettings) -> Map<String, Value> {
+    match serde_json::to_value(settings) {
+        Ok(Value::Object(fields)) => fields,
+        _ => Map::new(),
+    }
+}
+
+impl From<IntegratorSettings> for IntegratorRequest {
+    fn from(settings: IntegratorSettings) -> Self {
+        let open = BTreeSet::new();
+        Self { settings, open }
+    }
+}
+
+impl Serialize for IntegratorRequest {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut value = serde_json::to_value(&self.settings).map_err(S::Error::custom)?;
+        if let Value::Object(fields) = &mut value {
+            fields.retain(|name, _| !self.open.contains(name));
+        }
+        value.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for IntegratorRequest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(RequestVisitor)
+    }
+}
+
+/// Notes which settings are given. The type is read on its own, so that an error says that it is the type that is wrong.
+struct RequestVisitor;
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum IntegratorType {
+    Path,
+    Pppm,
+    Sppm,
+    Pcf,
+}
+
+impl<'de> Visitor<'de> for RequestVisitor {
+    type Value = IntegratorRequest;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "an integrator's type with its settings")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<IntegratorRequest, A::Error> {
+        let mut given = Map::new();
+        while let Some(name) = map.next_key::<String>()? {
+            let value = match name.as_str() {
+                "type" => serde_json::to_value(map.next_value::<IntegratorType>()?).map_err(A::Error::custom)?,
+                _ => map.next_value()?,
+            };
+            if given.insert(name.clone(), value).is_some() {
+                return Err(A::Error::custom(format!("duplicate field `{name}`")));
+            }
+        }
+        let given = Value::Object(given);
+        let settings = IntegratorSettings::deserialize(&given).map_err(A::Error::custom)?;
+        let names = fields_of(&settings).into_iter().map(|(name, _)| name);
+        let open = names.filter(|name| given.get(name).is_none()).collect();
+        Ok(IntegratorRequest { settings, open })
+    }
 }
 
 /// A setting that no image can be made with.
@@ -356,6 +496,85 @@ impl From<LookupVertex> for serde_json::Value {
         match vertex {
             LookupVertex::Fixed(k) => k.into(),
             LookupVertex::Auto => "auto".into(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn request(json: Value) -> IntegratorRequest {
+        serde_json::from_value(json).unwrap()
+    }
+
+    fn wishes(integrator: Option<IntegratorSettings>) -> Wishes {
+        Wishes {
+            integrator,
+            max_depth: Some(5),
+            sample_count: None,
+        }
+    }
+
+    #[test]
+    fn what_is_left_out_is_up_to_the_scene() {
+        let own = IntegratorSettings::Pppm(PppmSettings {
+            alpha: 0.3,
+            samples: 7,
+            max_depth: Some(5),
+            ..PppmSettings::default()
+        });
+        let asked = request(json!({"type": "pppm", "samples": 2}));
+        let IntegratorSettings::Pppm(found) = asked.resolve(&wishes(Some(own.clone()))).unwrap() else {
+            panic!("another integrator")
+        };
+        assert_eq!((found.alpha, found.samples, found.max_depth), (0.3, 2, Some(5)));
+        let IntegratorSettings::Pppm(found) = asked.resolve(&wishes(None)).unwrap() else {
+            panic!("another integrator")
+        };
+        let default = PppmSettings::default();
+        assert_eq!(
+            (found.alpha, found.samples, found.max_depth),
+            (default.alpha, 2, Some(5))
+        );
+        let path = request(json!({"type": "path"})).resolve(&wishes(Some(own))).unwrap();
+        assert!(matches!(path, IntegratorSettings::Path(path) if path.max_depth == Some(5)));
+    }
+
+    #[test]
+    fn what_is_given_stays() {
+        let given = request(json!({"type": "path", "samples": 3, "sampling": "independent", "max_depth": null}));
+        let settings = given.complete().unwrap();
+        assert_eq!(
+            given.resolve(&wishes(None)).unwrap(),
+            *settings,
+            "no limit is a limit that is given"
+        );
+        assert_eq!(IntegratorRequest::from(settings.clone()), given);
+        assert!(given.resolve(&Wishes::default()).is_ok());
+        let bad = request(json!({"type": "path", "samples": 0}));
+        assert_eq!(bad.resolve(&wishes(None)).unwrap_err().name, "samples");
+    }
+
+    #[test]
+    fn a_request_survives_its_json_and_says_what_it_allows() {
+        let text = json!({"type": "pcf", "alpha": 0.25, "samplers": ["camera"]});
+        let asked = request(text.clone());
+        assert_eq!(serde_json::to_value(&asked).unwrap(), text);
+        assert_eq!(asked.complete(), None);
+        let resolved = asked.resolve(&wishes(None)).unwrap();
+        assert!(asked.allows(&resolved) && !asked.allows(&IntegratorSettings::Pcf(PcfSettings::default())));
+        assert!(!asked.allows(&IntegratorSettings::Path(PathSettings::default())));
+        for (bad, said) in [
+            (r#"{"type": "pcf", "photon": 1}"#, "photon"),
+            (r#"{"type": "pcf", "alpha": 0.1, "alpha": 0.2}"#, "duplicate"),
+            (r#"{"type": "bdpt"}"#, "bdpt"),
+            (r#"{"alpha": 0.1}"#, "type"),
+            (r#"["pcf"]"#, "sequence"),
+        ] {
+            let error = serde_json::from_str::<IntegratorRequest>(bad).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::id::{BlobHash, JobId, WorkerId};
 use crate::schedule::{Checkpoint, Schedule, Stop};
 use photonfarm_core::integrator::Counts;
-use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -19,9 +19,10 @@ pub struct JobSpec {
     /// Values for the scene's `<default>` elements.
     #[serde(default)]
     pub defines: BTreeMap<String, String>,
-    /// The integrator with its settings; `type` is `path`, `pppm`, `sppm` or `pcf`.
+    /// The integrator with its settings; `type` is `path`, `pppm`, `sppm` or `pcf`. Settings that are left out are those of the
+    /// scene, or else the defaults with the scene's `max_depth`.
     #[schema(value_type = Object, example = json!({"type": "pppm", "photons": 200000}))]
-    pub integrator: IntegratorSettings,
+    pub integrator: IntegratorRequest,
     /// Number of iterations to average.
     pub iterations: u32,
     /// Seed of the random numbers.
@@ -208,6 +209,10 @@ pub struct JobStatus {
     pub state: JobState,
     /// What is asked for, as it stands: extended, stopped, paused, and so on.
     pub spec: JobSpec,
+    /// The integrator with all its settings; absent until a worker has loaded the scene, if that decides over some of them.
+    #[serde(default)]
+    #[schema(value_type = Option<Object>)]
+    pub integrator: Option<IntegratorSettings>,
     /// Name of the token that it was submitted with; empty without tokens.
     #[serde(default)]
     pub owner: String,

@@ -210,7 +210,7 @@ mod tests {
             scene: BlobHash::of(b""),
             main: "scene.xml".into(),
             defines: Default::default(),
-            integrator: IntegratorSettings::Path(PathSettings::default()),
+            integrator: IntegratorSettings::Path(PathSettings::default()).into(),
             iterations: 4,
             seed: 0,
             schedule: Default::default(),

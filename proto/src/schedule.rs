@@ -3,6 +3,7 @@
 use crate::limits::LimitError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::fmt;
 use utoipa::ToSchema;
 
 /// Most tags of a job or a worker.
@@ -101,6 +102,16 @@ pub struct Checkpoint {
     /// Mean of the pixels' standard errors of luminance over the mean luminance, without the hundredth of the pixels with the
     /// largest errors. Absent while all pixels are black: nothing was found yet.
     pub noise: Option<f64>,
+}
+
+impl fmt::Display for Checkpoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let iterations = self.iterations;
+        match self.noise {
+            Some(noise) => write!(f, "noise is {noise:.4} at {iterations} iterations"),
+            None => write!(f, "noise is unknown at {iterations} iterations: all is black so far"),
+        }
+    }
 }
 
 /// Why a job ended before its last iteration.

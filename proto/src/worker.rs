@@ -9,6 +9,7 @@
 //! | `POST /v1/worker/nodes/place` | [`NodeUpload`] | [`NodePlace`] |
 //! | `POST /v1/worker/nodes/stored` | [`NodeUpload`] | [`NodeReply`] |
 //! | `POST /v1/worker/statistics` | [`StatisticsRequest`] | [`statistics_body`] |
+//! | `POST /v1/worker/settings` | [`SettingsReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
 //! | `POST /v1/worker/leave` | [`Leave`] | [`Acknowledged`] |
@@ -22,6 +23,7 @@ use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use crate::job::{FailureKind, JobSpec, Totals};
 use crate::node::{NodeHeader, NodeKey};
 use crate::planes;
+use photonfarm_core::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -78,6 +80,8 @@ pub struct Lease {
     pub attempt: u32,
     /// Time until it ends unless a heartbeat renews it [ms].
     pub expires_in_ms: u64,
+    /// Time until the job's deadline, if it has one: nothing that arrives later counts [ms].
+    pub ends_in_ms: Option<u64>,
 }
 
 /// Work, if there is any.
@@ -210,6 +214,20 @@ pub fn read_statistics(body: &[u8], values: usize) -> Option<Vec<f32>> {
     (BlobHash::of(bytes).0 == hash).then(|| planes::values(bytes))
 }
 
+/// How the scene decided over settings that the job leaves to it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SettingsReport {
+    /// The lease.
+    pub token: LeaseToken,
+    /// Who.
+    pub worker: WorkerId,
+    /// The job.
+    pub job: JobId,
+    /// The integrator with all its settings; JSON within bincode, which cannot carry tagged enums.
+    #[serde(with = "json_text")]
+    pub integrator: IntegratorSettings,
+}
+
 /// An iteration that could not be rendered. The lease ends.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FailureReport {
@@ -272,6 +290,7 @@ kinds! {
     Leave = 12,
     NodePlace = 13,
     StatisticsRequest = 14,
+    SettingsReport = 15,
 }
 
 /// Most bytes of a framed [`NodeUpload`].
@@ -314,7 +333,7 @@ mod json_text {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_core::settings::{IntegratorSettings, PcfSettings};
+    use photonfarm_core::settings::PcfSettings;
 
     fn assignment() -> LeaseReply {
         let lease = Lease {
@@ -324,12 +343,13 @@ mod tests {
             worker: WorkerId(4),
             attempt: 1,
             expires_in_ms: 30_000,
+            ends_in_ms: Some(5_000),
         };
         let spec = JobSpec {
             scene: BlobHash::of(b"scene"),
             main: "scene.xml".into(),
             defines: [("depth".to_owned(), "8".to_owned())].into(),
-            integrator: IntegratorSettings::Pcf(PcfSettings::default()),
+            integrator: IntegratorSettings::Pcf(PcfSettings::default()).into(),
             iterations: 64,
             seed: u64::MAX,
             schedule: Default::default(),

@@ -1,5 +1,7 @@
 //! What cannot work is refused with an error that says what to do, and leaves files as they were.
 
+use photonfarm_core::film::Image;
+use photonfarm_core::picture::{self, PictureMetadata};
 use photonfarm_tests::processes::{Coordinator, Process, photonfarm, scene};
 use std::fs;
 use std::path::Path;
@@ -95,7 +97,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
 }
 
 #[test]
-fn an_interrupted_render_leaves_the_old_picture() {
+fn an_interrupted_render_leaves_the_old_picture_and_keeps_a_partial_one() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("a.exr");
     fs::write(&output, "old").unwrap();
@@ -116,16 +118,87 @@ fn an_interrupted_render_leaves_the_old_picture() {
             "1",
         ],
     );
-    process.wait_for_error("iterations");
+    // Rays are counted once an iteration has arrived.
+    process.wait_for_error("rays/s");
     process.signal("INT");
     let (status, _, errors) = process.finish();
     assert_eq!(status.code(), Some(130), "{errors}");
     assert_eq!(fs::read(&output).unwrap(), b"old");
-    assert_eq!(files_in(folder.path()), ["a.exr", "scratch"]);
+    let kept = ["a.exr", "a.partial.exr", "a.partial.farm", "a.partial.png", "scratch"];
+    assert_eq!(files_in(folder.path()), kept);
+    let partial = folder.path().join("a.partial.exr");
+    let metadata = picture::read_metadata(&fs::read(&partial).unwrap()).unwrap().unwrap();
+    let done = metadata.iterations;
+    assert!(done > 0 && metadata.iterations_asked == Some(1_000_000));
+    assert!(errors.contains(&format!("after {done} of 1000000")), "{errors}");
+    assert!(errors.contains(&format!("--from {}", partial.display())), "{errors}");
     assert!(
         files_in(&scratch).is_empty(),
         "temporary files were left: {:?}",
         files_in(&scratch)
+    );
+}
+
+#[test]
+fn a_picture_is_repeated_and_what_cannot_repeat_it_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::copy(scene("constant.xml"), path("a.xml")).unwrap();
+    let (first, again) = (path("a.exr"), path("b.exr"));
+    let options = [
+        "--iterations",
+        "3",
+        "--integrator",
+        "path",
+        "--seed",
+        "9",
+        "--set",
+        "samples=2",
+    ];
+    let render = |output: &Path, more: &[&str]| {
+        let scene = path("a.xml");
+        let arguments = [&["render", text(&scene), "-o", text(output)], more].concat();
+        let output = photonfarm(&arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    render(&first, &options);
+    render(&again, &["--from", text(&first)]);
+    let bytes = fs::read(&first).unwrap();
+    assert!(bytes == fs::read(&again).unwrap());
+
+    let refused =
+        |name: &str, from: &Path| refusal(&["render", text(&path(name)), "-o", text(&again), "--from", text(from)]);
+    fs::copy(path("a.xml"), path("other.xml")).unwrap();
+    let errors = refused("other.xml", &first);
+    assert!(errors.contains("a picture of a.xml"), "{errors}");
+    fs::write(path("no.exr"), "no picture").unwrap();
+    let errors = refused("a.xml", &path("no.exr"));
+    assert!(errors.contains("no.exr"), "{errors}");
+    let decoded = picture::decode_exr(&bytes, 1 << 20).unwrap();
+    let metadata = decoded.metadata.unwrap();
+    let image = Image {
+        width: decoded.width,
+        height: decoded.height,
+        iterations: metadata.iterations,
+        pixels: decoded.pixels,
+        standard_error: decoded.standard_error,
+    };
+    for (renderer, said) in [("0.1.0+other", "rendered by 0.1.0+other"), ("", "did not note")] {
+        let renderer = renderer.to_owned();
+        let other = PictureMetadata {
+            renderer,
+            ..metadata.clone()
+        };
+        fs::write(path("old.exr"), picture::encode_exr(&image, &other).unwrap()).unwrap();
+        let errors = refused("a.xml", &path("old.exr"));
+        assert!(errors.contains(said), "{errors}");
+    }
+    let changed = fs::read_to_string(path("a.xml")).unwrap() + "\n";
+    fs::write(path("a.xml"), changed).unwrap();
+    let errors = refused("a.xml", &first);
+    assert!(
+        errors.contains("another scene") && errors.contains(&metadata.scene_hash),
+        "{errors}"
     );
 }
 

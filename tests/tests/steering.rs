@@ -166,3 +166,49 @@ fn a_worker_that_lies_is_found_out_and_leaves_no_trace() {
         .to_string();
     assert!(!command(&coordinator, &["workers", "release", &liar]).contains("quarantine"));
 }
+
+/// The scene's own integrator is `path` with edges up to 6, which the request over the network does not name.
+#[test]
+fn what_a_request_leaves_out_is_the_scenes_as_on_the_command_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let coordinator = Coordinator::start(&folder.path().join("farm"));
+    let scene = scene("diffuse-box.xml");
+    let scene = scene.to_str().unwrap();
+    let _workers = ["a", "b"].map(|name| worker(&coordinator, name, &[]));
+    let options = [
+        "-D",
+        "res=8",
+        "--iterations",
+        "6",
+        "--integrator",
+        "path",
+        "--set",
+        "samples=2",
+    ];
+    let job = command(&coordinator, &[&["submit", scene, "--wait"], &options[..]].concat());
+    let sent = when(&coordinator, "the end", |job| job.state.ended()).spec;
+    let request = serde_json::json!({
+        "scene": sent.scene, "main": sent.main, "defines": sent.defines, "iterations": 6,
+        "integrator": {"type": "path", "samples": 2},
+    });
+    let url = format!("{}/v1/jobs", coordinator.url);
+    let json = [("content-type", "application/json")];
+    let (status, _) = http(Method::POST, &url, request.to_string().into_bytes(), &json).unwrap();
+    assert_eq!(status, 201);
+    let done = when(&coordinator, "the end", |job| job.id.0 == 2 && job.state.ended());
+    assert_eq!((done.state, done.failure), (JobState::Done, None));
+    assert_eq!(
+        serde_json::to_value(&done.spec.integrator).unwrap(),
+        request["integrator"]
+    );
+    let resolved = serde_json::to_value(done.integrator.unwrap()).unwrap();
+    assert_eq!(
+        resolved,
+        serde_json::json!({"type": "path", "samples": 2, "sampling": "sobol", "max_depth": 6})
+    );
+    let output = folder.path().join("a.exr");
+    let rendered = photonfarm(&[&["render", scene, "-o", output.to_str().unwrap()], &options[..]].concat());
+    assert!(rendered.status.success());
+    let alone = std::fs::read(output).unwrap();
+    assert!(picture(&coordinator, job.trim()) == alone && picture(&coordinator, "2") == alone);
+}

@@ -134,6 +134,7 @@ mod tests {
             worker: WorkerId(4),
             attempt: 1,
             expires_in_ms: 30_000,
+            ends_in_ms: None,
         };
         let upload = |index: u32| {
             let image = vec![index as u8; 100];

@@ -2,7 +2,7 @@
 
 use crate::cache::{BundleFiles, FileError};
 use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
-use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles};
+use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles, Wishes};
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::job::BandwidthRange;
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ pub trait Renderer: Send + Sync + 'static {
 pub trait LoadedScene: Send + Sync {
     /// Pixels across and down.
     fn resolution(&self) -> [u32; 2];
+    /// Settings that the scene carries.
+    fn wishes(&self) -> Wishes;
     /// The bandwidth of an iteration that goes on from the statistics `before`, if the integrator has one.
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange>;
     /// Renders an iteration on the current rayon pool; see [`integrator::render_next`].
@@ -77,6 +79,10 @@ pub struct CoreScene(pub Scene);
 impl LoadedScene for CoreScene {
     fn resolution(&self) -> [u32; 2] {
         self.0.film.resolution
+    }
+
+    fn wishes(&self) -> Wishes {
+        self.0.wishes.clone()
     }
 
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {

@@ -1,7 +1,7 @@
 //! The worker's life: register, lease, render, deliver; reconnect; drain.
 
 use crate::backoff::Backoff;
-use crate::block::{Ending, panic_message, render_block};
+use crate::block::{Deadline, Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
 use crate::client::{Client, ClientError, retry};
 use crate::credentials::Credentials;
@@ -12,12 +12,13 @@ use crate::outbox::{self, Courier, Farewell, Kept, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
+use photonfarm_core::settings::{IntegratorSettings, SettingError};
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
-    Register, Registered, StatisticsRequest, cut_text,
+    Register, Registered, SettingsReport, StatisticsRequest, cut_text,
 };
 use rayon::ThreadPool;
 use std::collections::{BTreeMap, BTreeSet};
@@ -309,11 +310,13 @@ impl Worker {
 
     /// Renders a lease. The flag says whether the worker is fit for the next one at once.
     async fn work_on(&mut self, assignment: Assignment, stores: bool, stop: &Stop) -> (Parcel, bool) {
-        let Assignment { lease, spec } = assignment;
+        let Assignment { lease, mut spec } = assignment;
+        let ends = lease.ends_in_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
         let state = self.held.add(&lease);
         tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, attempt = lease.attempt, "working");
         let prepare = async {
             let scene = self.load(&spec, &stop.drain).await?;
+            spec.integrator = self.resolve(&*scene, &spec, &lease, &stop.drain).await?.into();
             let before = self.statistics(&*scene, &spec, &lease, &stop.drain).await?;
             Ok((scene, before))
         };
@@ -322,7 +325,10 @@ impl Worker {
             () = stop.drain.cancelled() => Err(LoadError::Elsewhere("the worker is to stop".into())),
         };
         let (uploads, farewell, smooth) = match loaded {
-            Ok((scene, before)) => self.render(scene, spec, lease, before, state.clone(), stop).await,
+            Ok((scene, before)) => {
+                self.render(scene, spec, lease, before, (state.clone(), ends), stop)
+                    .await
+            }
             Err(LoadError::Scene(kind, message)) => {
                 tracing::warn!(job = %lease.job, message, "the scene cannot be rendered");
                 (vec![], failure(&lease, lease.node.first() as u32, kind, message), true)
@@ -351,12 +357,14 @@ impl Worker {
         spec: JobSpec,
         lease: Lease,
         before: Vec<f32>,
-        state: Arc<LeaseState>,
+        (state, ends): (Arc<LeaseState>, Option<Instant>),
         stop: &Stop,
     ) -> (Vec<Upload>, Farewell, bool) {
         let (pool, steps) = (self.pool.clone(), stop.clone());
         let work = move || {
-            let (sums, ending) = pool.install(|| render_block(&*scene, &spec, lease.node, before, &state, &steps));
+            let deadline = Deadline::new(ends, Instant::now());
+            let render = || render_block(&*scene, &spec, lease.node, before, &state, &steps, deadline);
+            let (sums, ending) = pool.install(render);
             (outbox::encode(lease.worker, &lease, sums), ending)
         };
         let rendered = tokio::select! {
@@ -391,6 +399,36 @@ impl Worker {
         }
     }
 
+    /// All settings, and tells the coordinator if the scene has decided over some of them.
+    async fn resolve(
+        &self,
+        scene: &dyn LoadedScene,
+        spec: &JobSpec,
+        lease: &Lease,
+        drain: &CancellationToken,
+    ) -> Result<IntegratorSettings, LoadError> {
+        if let Some(settings) = spec.integrator.complete() {
+            return Ok(settings.clone());
+        }
+        let of_scene = |error: SettingError| LoadError::Scene(FailureKind::Scene, error.to_string());
+        let integrator = spec.integrator.resolve(&scene.wishes()).map_err(of_scene)?;
+        let Lease { token, worker, job, .. } = *lease;
+        let report = SettingsReport {
+            token,
+            worker,
+            job,
+            integrator: integrator.clone(),
+        };
+        let said: Result<Acknowledged, _> = self.client.insist("worker/settings", &report, drain).await;
+        match said {
+            Ok(Acknowledged) => Ok(integrator),
+            Err(error) if error.code() == Some(ErrorCode::Invalid) => {
+                Err(LoadError::Scene(FailureKind::Render, error.to_string()))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
     /// What a lease goes on from, where the integrator is sequential.
     async fn statistics(
         &self,
@@ -399,11 +437,12 @@ impl Worker {
         lease: &Lease,
         drain: &CancellationToken,
     ) -> Result<Vec<f32>, LoadError> {
-        if !spec.integrator.is_sequential() || lease.node.first() == 0 {
+        let settings = spec.integrator.with_defaults();
+        if !settings.is_sequential() || lease.node.first() == 0 {
             return Ok(Vec::new());
         }
         let [width, height] = scene.resolution();
-        let values = width as usize * height as usize * spec.integrator.statistics_per_pixel();
+        let values = width as usize * height as usize * settings.statistics_per_pixel();
         let Lease { token, worker, job, .. } = *lease;
         let request = StatisticsRequest { token, worker, job };
         Ok(retry(drain, "the request for statistics", || {

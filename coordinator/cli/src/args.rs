@@ -1,6 +1,6 @@
 //! The command line as typed.
 
-use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs};
+use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_proto::token::Role;
@@ -8,6 +8,7 @@ use photonfarm_worker::{Credentials, CredentialsError};
 use std::collections::BTreeMap;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Longest name of a submission, which the farm takes as an idempotency key.
 const KEY_BYTES: usize = 255;
@@ -17,7 +18,8 @@ Exit codes:
   0    done; the picture, if one was asked for, is complete
   1    failed; the message says why, and files are as they were before
   2    the command line cannot be understood
-  130  interrupted by Ctrl-C; files are as they were before";
+  130  interrupted by Ctrl-C; files are as they were before, and `render` keeps what it has in
+       OUT.partial.exr and OUT.partial.farm";
 
 const RENDER_EXAMPLES: &str = "\
 Examples:
@@ -30,11 +32,17 @@ Examples:
       More light paths per iteration, and a narrower first angle.
   photonfarm render scene.xml -o small.exr -D width=320 -D height=240
       Gives values to the scene's <default> parameters.
+  photonfarm render scene.xml -o again.exr --from image.exr
+      Repeats a picture, bit for bit, with the settings that it names.
+  photonfarm render scene.xml -o image.exr --from image.partial.exr
+      Goes on with a render that was interrupted: image.partial.farm holds what it needs. Without
+      that folder it begins anew, to the same bits.
 
 image.exr holds linear Rec. 709 radiance in 32-bit floats, a rough standard error of the luminance
 in the channel `standard_error`, and everything that repeats the render in its attributes. Noise is
-the mean of these errors over the mean luminance, but for the worst hundredth of the pixels. image.png
-is for looking at: exposure and highlights follow the global operator of Reinhard et al. (2002).
+the mean of these errors over the mean luminance, but for the worst hundredth of the pixels.
+image.png is for looking at: exposure and highlights follow the global operator of Reinhard et al.
+(2002).
 The same scene, settings and seed give the same image.exr on any machine, with any --threads.";
 
 const SUBMIT_EXAMPLES: &str = "\
@@ -156,6 +164,9 @@ pub(crate) struct RenderArgs {
     /// Threads to render with [default: one per processor]
     #[arg(long, value_name = "T")]
     pub(crate) threads: Option<NonZeroUsize>,
+    /// Stop after this time, such as 90s, 30m or 8h, with the iterations that are complete
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "from")]
+    pub(crate) within: Option<Duration>,
     /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
     #[arg(long, value_name = "FILE")]
     pub(crate) stats: Option<PathBuf>,
@@ -371,6 +382,10 @@ pub(crate) struct JobArgs {
     pub(crate) define: Vec<(String, String)>,
     #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = SET_HELP)]
     pub(crate) set: Vec<(String, String)>,
+    /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
+    /// are those that it names. Refused where scene or renderer are others
+    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "set"])]
+    pub(crate) from: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -418,6 +433,8 @@ mod tests {
         for line in [
             "photonfarm render s.xml -o o.exr --integrator path --iterations 4 --seed 7 -D a=b -D c=d=e \
              --set samples=2 --set max_depth=-1 --threads 3 --stats s.json",
+            "photonfarm render s.xml -o o.exr --within 90s",
+            "photonfarm render s.xml -o o.exr --from a.exr --threads 2",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format json",
             "photonfarm serve --listen [::]:0 --data d --tls-cert c --tls-key k --rate 5 --connections 9 --connections-per-address 3",
             "photonfarm token create a --role submit --days 0.5 --most-jobs 1 --most-gigabytes 2 --data d",
@@ -450,6 +467,8 @@ mod tests {
             "photonfarm render s.xml -o o.exr --integrator bdpt",
             "photonfarm render s.xml -o o.exr -D name",
             "photonfarm render s.xml -o o.exr --set =1",
+            "photonfarm render s.xml -o o.exr --from a.exr --seed 1",
+            "photonfarm render s.xml -o o.exr --from a.exr --within 1m",
             "photonfarm submit s.xml --coordinator http://localhost:1 -o o.exr",
             "photonfarm serve --data d",
             "photonfarm serve --listen 127.0.0.1:0 --data d --tls-cert c",

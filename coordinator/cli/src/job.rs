@@ -1,6 +1,7 @@
 //! From the command line to a job: the scene is read, checked and bundled with every file that it names.
 
 use crate::args::{JobArgs, unique};
+use crate::repeat::OldPicture;
 use crate::settings;
 use anyhow::{Context, Result, anyhow};
 use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder};
@@ -26,17 +27,25 @@ pub(crate) struct PreparedJob {
 impl PreparedJob {
     /// Loads the scene, so that what is wrong with it shows here and now, and keeps the files that it read.
     pub(crate) fn new(args: &JobArgs) -> Result<(Self, Scene)> {
-        let defines = unique("-D", &args.define)?;
+        let old = args.from.as_deref().map(OldPicture::read).transpose()?;
+        let defines = match &old {
+            Some(old) => old.metadata.defines.clone(),
+            None => unique("-D", &args.define)?,
+        };
         let set = unique("--set", &args.set)?;
         let (folder, main) = split(&args.scene)?;
         let context = || format!("cannot load the scene {}", args.scene.display());
         let files = SceneFolder::new(folder).with_context(context)?;
         let recorded = RecordedFiles::new(&files);
         let scene = Scene::load(&recorded, main, &defines, &Limits::default()).with_context(context)?;
-        let integrator = settings::integrator(args.integrator, &scene.wishes, &set)?;
-        let iterations = match args.iterations {
-            Some(iterations) => iterations.get(),
-            None => settings::default_iterations(&integrator, &scene.wishes),
+        let integrator = match &old {
+            Some(old) => old.metadata.integrator.clone(),
+            None => settings::integrator(args.integrator, &scene.wishes, &set)?,
+        };
+        let iterations = match (&old, args.iterations) {
+            (Some(old), _) => old.iterations()?,
+            (None, Some(iterations)) => iterations.get(),
+            (None, None) => settings::default_iterations(&integrator, &scene.wishes),
         };
         let mut manifest = BundleManifest::default();
         let mut contents = BTreeMap::new();
@@ -45,13 +54,16 @@ impl PreparedJob {
             manifest.files.insert(name, entry);
             contents.insert(entry.hash, bytes);
         }
+        if let Some(old) = &old {
+            old.check_scene(&args.scene, main, manifest.hash())?;
+        }
         let spec = JobSpec {
             scene: manifest.hash(),
             main: main.to_owned(),
             defines,
-            integrator,
+            integrator: integrator.into(),
             iterations,
-            seed: args.seed,
+            seed: old.map_or(args.seed, |old| old.metadata.seed),
             schedule: Default::default(),
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos();

@@ -6,10 +6,12 @@
 mod args;
 mod client;
 mod job;
+mod kept;
 mod log;
 mod output;
 mod progress;
 mod render;
+mod repeat;
 mod say;
 mod serve;
 mod settings;

@@ -3,32 +3,23 @@
 use crate::args::IntegratorName;
 use anyhow::{Context, Result, bail};
 use photonfarm_core::scene::Wishes;
-use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
-use serde_json::Value;
+use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
+use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 
 /// Iterations where neither the command line nor the scene says more.
 const DEFAULT_ITERATIONS: u32 = 64;
 
-/// The integrator to render with: the one named, else the scene's own, else `pcf`; then `--set` on top.
-///
-/// The scene's own settings are kept where it is the scene's own integrator, and its `max_depth` in any case.
+/// The integrator to render with: the one named, else the scene's own, else `pcf`; then `--set` on top. What is not set is
+/// up to the scene ([`IntegratorRequest::resolve`]).
 pub(crate) fn integrator(
     name: Option<IntegratorName>,
     wishes: &Wishes,
     set: &BTreeMap<String, String>,
 ) -> Result<IntegratorSettings> {
-    let own = wishes
-        .integrator
-        .as_ref()
-        .filter(|own| name.is_none_or(|name| name == name_of(own)));
-    let base = match own {
-        Some(own) => own.clone(),
-        None => defaults(name.unwrap_or(IntegratorName::Pcf), wishes.max_depth),
-    };
-    let settings = override_settings(&base, set)?;
-    settings.validate()?;
-    Ok(settings)
+    let own = wishes.integrator.as_ref().map(IntegratorSettings::name);
+    let name = name.map(name_of).or(own).unwrap_or("pcf");
+    Ok(request(name, set)?.resolve(wishes)?)
 }
 
 /// Iterations to average: for `path` those that take the scene's samples per pixel.
@@ -39,55 +30,36 @@ pub(crate) fn default_iterations(settings: &IntegratorSettings, wishes: &Wishes)
     }
 }
 
-fn name_of(settings: &IntegratorSettings) -> IntegratorName {
-    match settings {
-        IntegratorSettings::Path(_) => IntegratorName::Path,
-        IntegratorSettings::Pppm(_) => IntegratorName::Pppm,
-        IntegratorSettings::Sppm(_) => IntegratorName::Sppm,
-        IntegratorSettings::Pcf(_) => IntegratorName::Pcf,
-    }
-}
-
-fn defaults(name: IntegratorName, max_depth: Option<u32>) -> IntegratorSettings {
+fn name_of(name: IntegratorName) -> &'static str {
     match name {
-        IntegratorName::Path => IntegratorSettings::Path(PathSettings {
-            max_depth,
-            ..Default::default()
-        }),
-        IntegratorName::Pppm => IntegratorSettings::Pppm(PppmSettings {
-            max_depth,
-            ..Default::default()
-        }),
-        IntegratorName::Sppm => IntegratorSettings::Sppm(PppmSettings {
-            max_depth,
-            ..Default::default()
-        }),
-        IntegratorName::Pcf => IntegratorSettings::Pcf(PcfSettings {
-            max_depth,
-            ..Default::default()
-        }),
+        IntegratorName::Path => "path",
+        IntegratorName::Pppm => "pppm",
+        IntegratorName::Sppm => "sppm",
+        IntegratorName::Pcf => "pcf",
     }
 }
 
-fn override_settings(base: &IntegratorSettings, set: &BTreeMap<String, String>) -> Result<IntegratorSettings> {
-    let mut json = serde_json::to_value(base)?;
-    let Value::Object(fields) = &mut json else {
+/// What is asked for of the integrator `name`, as its JSON would.
+fn request(name: &str, set: &BTreeMap<String, String>) -> Result<IntegratorRequest> {
+    let mut given = Map::from_iter([("type".to_owned(), Value::from(name))]);
+    let defaults: IntegratorSettings = serde_json::from_value(Value::Object(given.clone()))?;
+    let known = serde_json::to_value(&defaults)?;
+    let Value::Object(known) = &known else {
         bail!("settings of an integrator are a JSON object")
     };
-    let integrator = fields["type"].as_str().unwrap_or_default().to_owned();
-    for (name, text) in set {
-        if name == "type" || !fields.contains_key(name) {
-            let valid: Vec<&str> = fields.keys().map(String::as_str).filter(|key| *key != "type").collect();
+    for (setting, text) in set {
+        if setting == "type" || !known.contains_key(setting) {
+            let valid: Vec<&str> = known.keys().map(String::as_str).filter(|key| *key != "type").collect();
             bail!(
-                "--set {name}: the integrator {integrator} has no such setting; it has {}",
+                "--set {setting}: the integrator {name} has no such setting; it has {}",
                 valid.join(", ")
             );
         }
-        fields.insert(name.clone(), value(name, text));
-        serde_json::from_value::<IntegratorSettings>(Value::Object(fields.clone()))
-            .with_context(|| format!("--set {name}={text}"))?;
+        given.insert(setting.clone(), value(setting, text));
+        serde_json::from_value::<IntegratorRequest>(Value::Object(given.clone()))
+            .with_context(|| format!("--set {setting}={text}"))?;
     }
-    Ok(serde_json::from_value(json)?)
+    Ok(serde_json::from_value(Value::Object(given))?)
 }
 
 /// The JSON value of a setting: a list for a list, nothing for the absence of a limit or an automatic bandwidth.
@@ -118,7 +90,9 @@ fn scalar(text: &str) -> Value {
 mod tests {
     use super::*;
     use photonfarm_core::random::Sampling;
-    use photonfarm_core::settings::{DirectionSampler, KernelShape, LookupVertex};
+    use photonfarm_core::settings::{
+        DirectionSampler, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+    };
 
     fn set(pairs: &[(&str, &str)]) -> BTreeMap<String, String> {
         pairs.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect()
@@ -268,7 +242,7 @@ mod tests {
         assert_eq!(iterations(IntegratorName::Path, "16"), 5);
         assert_eq!(iterations(IntegratorName::Pcf, "16"), 64);
         assert_eq!(
-            default_iterations(&defaults(IntegratorName::Path, None), &Wishes::default()),
+            default_iterations(&IntegratorSettings::Path(PathSettings::default()), &Wishes::default()),
             64
         );
     }

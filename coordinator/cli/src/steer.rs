@@ -118,10 +118,7 @@ fn show(job: &JobStatus, json: bool) -> Result<()> {
         return say::json(job);
     }
     say::line(job_line(job))?;
-    let noise = job.checkpoint.map(|at| match at.noise {
-        Some(noise) => format!("noise {noise:.4} at {} iterations", at.iterations),
-        None => format!("noise unknown at {} iterations: all is black so far", at.iterations),
-    });
+    let noise = job.checkpoint.map(|at| at.to_string());
     let doubt = (job.iterations_in_doubt > 0).then(|| format!("{} iterations are repeated", job.iterations_in_doubt));
     let poisoned = job.poisoned.iter().map(|iteration| {
         let message = iteration.attempts.last().map_or("", |attempt| &attempt.message);

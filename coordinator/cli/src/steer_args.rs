@@ -129,10 +129,9 @@ pub(crate) struct ScheduleArgs {
 impl ScheduleArgs {
     /// As the farm wants it.
     pub(crate) fn schedule(&self) -> Result<Schedule> {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH)?;
         let schedule = Schedule {
             priority: self.priority,
-            deadline_ms: self.within.map(|within| (now + within).as_millis() as u64),
+            deadline_ms: self.within.map(deadline).transpose()?,
             noise_target: self.noise_target,
             tags: self.tag.iter().cloned().collect(),
             ..Schedule::default()
@@ -142,8 +141,14 @@ impl ScheduleArgs {
     }
 }
 
+/// When a job ends that is to end so much from now on [milliseconds since 1970, UTC].
+pub(crate) fn deadline(within: Duration) -> Result<u64> {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH)?;
+    Ok((now + within).as_millis() as u64)
+}
+
 /// A number and a unit: s, m, h or d.
-fn duration(text: &str) -> Result<Duration, String> {
+pub(crate) fn duration(text: &str) -> Result<Duration, String> {
     let wrong = || "expected a time such as 90s, 30m, 8h or 2d".to_owned();
     let unit = text.chars().last().ok_or_else(wrong)?;
     let seconds = match unit {

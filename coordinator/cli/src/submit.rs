@@ -122,15 +122,23 @@ pub(crate) async fn follow(client: &Client, id: JobId, iterations: u32) -> Resul
 }
 
 /// Writes the picture of a finished job.
-pub(crate) async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles) -> Result<()> {
+async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles) -> Result<()> {
     let exr = client.image(status.id, "exr").await?;
     let png = client.image(status.id, "png").await?;
     output.write(&exr, &png)?;
-    let noise = picture::read_metadata(&exr)?.and_then(|metadata| metadata.noise);
-    let noise = noise.map_or_else(String::new, |noise| format!(", noise {noise:.4}"));
-    let (files, iterations) = (output.names(), status.iterations_done);
-    say::tell(format_args!("{files}: {iterations} iterations{noise}"));
+    say::tell(format_args!("{}: {}", output.names(), in_words(&exr)?));
     Ok(())
+}
+
+/// Iterations and noise of a picture.
+pub(crate) fn in_words(exr: &[u8]) -> Result<String> {
+    let metadata = picture::read_metadata(exr)?.context("the coordinator sent a picture without metadata")?;
+    let noise = metadata.noise.map(|noise| format!(", noise {noise:.4}"));
+    Ok(format!(
+        "{} iterations{}",
+        metadata.iterations,
+        noise.unwrap_or_default()
+    ))
 }
 
 fn failure(status: &JobStatus) -> String {

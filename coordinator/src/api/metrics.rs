@@ -71,7 +71,7 @@ fn pending_leases(job: &JobStatus, target_s: f64) -> u64 {
     let speed = job.iterations_per_second.unwrap_or(0.0) / f64::from(job.workers.max(1));
     let iterations = (speed * target_s).max(1.0);
     let leases = (pending_iterations(job) as f64 / iterations).ceil() as u64;
-    match job.spec.integrator.is_sequential() {
+    match job.spec.integrator.with_defaults().is_sequential() {
         true => leases.min(1),
         false => leases,
     }

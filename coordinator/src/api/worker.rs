@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
-    NodeUpload, Register, Registered, Release, StatisticsRequest,
+    NodeUpload, Register, Registered, Release, SettingsReport, StatisticsRequest,
 };
 use std::sync::Arc;
 
@@ -79,6 +79,14 @@ pub(super) async fn statistics(
     let head = [(CONTENT_TYPE, "application/octet-stream")].into_response();
     let make = async { Ok((head, Some(service.statistics(request).await?))) };
     spool.answer(make).await
+}
+
+pub(super) async fn settings(
+    State(service): State<App>,
+    Framed(report): Framed<SettingsReport>,
+) -> Result<Framed<Acknowledged>, ApiError> {
+    service.report_settings(report).await?;
+    Ok(Framed(Acknowledged))
 }
 
 pub(super) async fn fail(

@@ -44,7 +44,7 @@ impl Taker<'_> {
 
 impl Job {
     /// The next block for `worker`: the lowest free leaves, an aligned power of two of them that takes about the time
-    /// of a lease and leaves enough for all workers to end together.
+    /// of a lease, ends before the deadline, and leaves enough for all workers to end together.
     pub(super) fn next_block(&self, taker: &Taker) -> Option<Block> {
         let (worker, workers, config) = (taker.worker, taker.all.len() as u64, taker.config);
         let taken = self.taken_ranges(taker);
@@ -71,9 +71,11 @@ impl Job {
             false => (free / (2 * workers.max(1))).max(1),
         };
         let seconds = self.seconds_per_iteration(worker);
-        let by_time = seconds
-            .map_or(1.0, |s| config.lease_target_ms as f64 / 1e3 / s)
-            .max(1.0) as u64;
+        let target_ms = self
+            .ms_left(taker.now)
+            .unwrap_or(Millis::MAX)
+            .min(config.lease_target_ms);
+        let by_time = seconds.map_or(1.0, |s| target_ms as f64 / 1e3 / s).max(1.0) as u64;
         let aligned = if first == 0 {
             u64::MAX
         } else {

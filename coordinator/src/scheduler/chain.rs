@@ -16,7 +16,7 @@ impl Job {
     /// Whether iterations go on from each other.
     #[must_use]
     pub fn is_chain(&self) -> bool {
-        self.head.spec.integrator.is_sequential()
+        self.head.spec.integrator.with_defaults().is_sequential()
     }
 
     /// Leaves that are in the image from the first one on, without a gap.
@@ -89,7 +89,7 @@ impl Job {
     /// Statistics of each pixel in the image of a node.
     #[must_use]
     pub fn statistics_per_pixel(&self) -> u16 {
-        self.head.spec.integrator.statistics_per_pixel() as u16
+        self.head.spec.integrator.with_defaults().statistics_per_pixel() as u16
     }
 }
 

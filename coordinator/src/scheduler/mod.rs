@@ -14,6 +14,7 @@ mod grant;
 mod job;
 mod pace;
 pub mod record;
+mod resolve;
 mod share;
 mod status;
 mod steer;

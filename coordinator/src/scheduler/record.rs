@@ -1,5 +1,6 @@
 //! What is kept: changes to the farm's state, and the records that they leave.
 
+use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::id::{BlobHash, HashError, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
@@ -184,6 +185,9 @@ pub struct JobControl {
     /// Set once it stopped before its last iteration.
     #[serde(default)]
     pub stop: Option<Stop>,
+    /// All settings, as the scene decided over those that the job leaves to it.
+    #[serde(default)]
+    pub integrator: Option<IntegratorSettings>,
 }
 
 impl JobControl {
@@ -196,6 +200,7 @@ impl JobControl {
             renderer: None,
             checkpoint: None,
             stop: None,
+            integrator: None,
         }
     }
 }

@@ -34,6 +34,7 @@ impl Job {
             id: self.id(),
             state: self.state,
             spec: self.spec(),
+            integrator: self.integrator().cloned(),
             owner: self.head.owner.clone(),
             created_ms: self.head.created_ms,
             ended_ms: self.ended_ms,

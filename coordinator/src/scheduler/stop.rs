@@ -92,6 +92,13 @@ impl Job {
         changes
     }
 
+    /// Time until the deadline, if there is one.
+    #[must_use]
+    pub fn ms_left(&self, now: Millis) -> Option<Millis> {
+        let deadline = self.control.schedule.deadline_ms;
+        deadline.map(|deadline| deadline.saturating_sub(now))
+    }
+
     /// Stops the job if its deadline has passed: with the iterations that are complete from the first on. Those of them
     /// that were to be repeated are believed, unless workers disagree about them.
     pub(super) fn meet_deadline(&self, now: Millis) -> Vec<Change> {

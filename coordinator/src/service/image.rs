@@ -95,7 +95,8 @@ impl Service {
 
 fn etag(job: &Job, format: ImageFormat) -> String {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(format!("{VERSION} {format:?} {}", job.id()).as_bytes());
+    let asked = job.control().iterations;
+    hasher.update(format!("{VERSION} {format:?} {} {asked}", job.id()).as_bytes());
     job.live_nodes().for_each(|(_, digest)| _ = hasher.update(&digest.0));
     format!("\"{}\"", &BlobHash::from(hasher.finalize()).to_string()[..32])
 }
@@ -111,14 +112,18 @@ fn matches_tag(header: &str, etag: &str) -> bool {
 fn metadata(job: &Job) -> PictureMetadata {
     let spec = &job.head().spec;
     let bandwidth = job.totals().bandwidth;
-    let has_angle = matches!(spec.integrator, IntegratorSettings::Pcf(_));
+    let integrator = job.integrator().unwrap_or(spec.integrator.with_defaults());
+    let has_angle = matches!(integrator, IntegratorSettings::Pcf(_));
     PictureMetadata {
         version: VERSION.to_owned(),
+        renderer: job.control().renderer.clone().unwrap_or_default(),
         scene_hash: spec.scene.to_string(),
+        main: spec.main.clone(),
         defines: spec.defines.clone(),
-        integrator: spec.integrator.clone(),
+        integrator: integrator.clone(),
         seed: spec.seed,
         iterations: job.done(),
+        iterations_asked: Some(job.control().iterations).filter(|asked| job.done() < u64::from(*asked)),
         sigma: bandwidth.map(|range| range.sigma),
         theta: bandwidth.and_then(|range| range.theta).filter(|_| has_angle),
         noise: None,

@@ -120,7 +120,7 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, detail).at("scene", None).into());
         };
         self.limits.check_job(spec, &manifest)?;
-        if let Err(error) = spec.integrator.validate() {
+        if let Err(error) = spec.integrator.with_defaults().validate() {
             let field = format!("integrator.{}", error.name);
             return Err(Problem::new(ErrorCode::Invalid, error.to_string())
                 .at(field, None)

@@ -127,13 +127,13 @@ fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<String> {
         let bound = other(|a, b| a.renderer != b.renderer);
         tell(bound, format!("it is bound to the renderer {renderer}"));
     }
+    if let Some(integrator) = &now.integrator {
+        let settled = other(|a, b| a.integrator != b.integrator);
+        tell(settled, format!("with its scene's settings it is {integrator:?}"));
+    }
     if let Some(checkpoint) = now.checkpoint {
         let measured = other(|a, b| a.checkpoint != b.checkpoint);
-        let text = format!(
-            "its noise is {:.4} at {} iterations",
-            checkpoint.noise, checkpoint.iterations
-        );
-        tell(measured, text);
+        tell(measured, format!("its {checkpoint}"));
     }
     match now.stop {
         Some(stop) => {
@@ -155,7 +155,7 @@ fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_proto::schedule::Stop;
+    use photonfarm_proto::schedule::{Checkpoint, Stop};
 
     fn control() -> JobControl {
         JobControl {
@@ -164,6 +164,7 @@ mod tests {
             renderer: None,
             checkpoint: None,
             stop: None,
+            integrator: None,
         }
     }
 
@@ -175,6 +176,10 @@ mod tests {
         now.schedule.paused = true;
         now.schedule.priority = 70;
         now.renderer = Some("1.0 abc".into());
+        now.checkpoint = Some(Checkpoint {
+            iterations: 16,
+            noise: Some(0.25),
+        });
         now.iterations = 16;
         now.stop = Some(Stop {
             reason: StopReason::Noise,
@@ -186,6 +191,7 @@ mod tests {
                 "it is paused",
                 "its priority is 70 now",
                 "it is bound to the renderer 1.0 abc",
+                "its noise is 0.2500 at 16 iterations",
                 "it stops at 16 of 64 iterations: its noise target is met",
             ]
         );

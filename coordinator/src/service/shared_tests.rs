@@ -36,7 +36,7 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         scene: bundle.unwrap().bundle,
         main: "scene.xml".into(),
         defines: Default::default(),
-        integrator: IntegratorSettings::Path(PathSettings::default()),
+        integrator: IntegratorSettings::Path(PathSettings::default()).into(),
         iterations,
         seed: 0,
         schedule: Default::default(),

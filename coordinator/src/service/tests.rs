@@ -83,7 +83,7 @@ impl World {
             scene: bundle,
             main: "scene.xml".into(),
             defines: Default::default(),
-            integrator: IntegratorSettings::Path(PathSettings::default()),
+            integrator: IntegratorSettings::Path(PathSettings::default()).into(),
             iterations,
             seed: 0,
             schedule: Default::default(),

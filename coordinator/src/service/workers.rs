@@ -10,7 +10,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_tags;
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{
-    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, NodeUpload, Register, Release,
+    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, NodeUpload, Register, Release, SettingsReport,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -89,17 +89,18 @@ impl Service {
             attempt,
             ..
         } = *record;
-        let lease = Lease {
-            token,
-            job,
-            node,
-            worker,
-            attempt,
-            expires_in_ms,
-        };
-        Ok(cell.farm.job(job).map(|job| Assignment {
-            lease,
-            spec: job.spec(),
+        let now = self.clock.now();
+        Ok(cell.farm.job(job).map(|known| Assignment {
+            lease: Lease {
+                token,
+                job,
+                node,
+                worker,
+                attempt,
+                expires_in_ms,
+                ends_in_ms: known.ms_left(now),
+            },
+            spec: known.spec(),
         }))
     }
 
@@ -137,6 +138,11 @@ impl Service {
         }
         self.progress.send_modify(|version| *version += 1);
         Ok(lost)
+    }
+
+    /// A worker says how the scene decides over settings that a job leaves to it.
+    pub(crate) async fn report_settings(self: &Arc<Self>, report: SettingsReport) -> Result<(), ServiceError> {
+        self.transact(move |farm, _| farm.report_settings(&report)).await
     }
 
     /// A worker could not render an iteration.

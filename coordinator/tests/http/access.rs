@@ -76,7 +76,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 34] = [
+const ROUTES: [(&str, &str, &[Role]); 35] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
@@ -103,6 +103,7 @@ const ROUTES: [(&str, &str, &[Role]); 34] = [
     ("POST", "/v1/worker/nodes/place", WORKS),
     ("POST", "/v1/worker/nodes/stored", WORKS),
     ("POST", "/v1/worker/statistics", WORKS),
+    ("POST", "/v1/worker/settings", WORKS),
     ("POST", "/v1/worker/failures", WORKS),
     ("POST", "/v1/worker/release", WORKS),
     ("POST", "/v1/worker/leave", WORKS),

@@ -11,8 +11,14 @@ use std::collections::BTreeMap;
 pub struct PictureMetadata {
     /// Version of Photonfarm.
     pub version: String,
+    /// Name of the renderer's build, which the bits depend on; empty in pictures of older versions.
+    #[serde(default)]
+    pub renderer: String,
     /// Hash of the scene bundle: the scene file and every file that it names.
     pub scene_hash: String,
+    /// Name of the scene file in the bundle; empty in pictures of older versions.
+    #[serde(default)]
+    pub main: String,
     /// Values given to the scene's `<default>`s, by name.
     pub defines: BTreeMap<String, String>,
     /// The integrator and its settings.
@@ -21,6 +27,9 @@ pub struct PictureMetadata {
     pub seed: u64,
     /// Iterations averaged: 1 to this number.
     pub iterations: u64,
+    /// Set in a partial picture: the iterations that were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub iterations_asked: Option<u32>,
     /// Spatial bandwidth of the first and the last iteration [scene units]; none for `path`.
     pub sigma: Option<[f32; 2]>,
     /// Angular bandwidth of the first and the last iteration [radians]; `pcf` only.
@@ -59,10 +68,14 @@ impl PictureMetadata {
     /// has no entry.
     pub(super) fn entries(&self) -> Result<Vec<(String, Entry)>, serde_json::Error> {
         let mut entries = vec![
+            ("renderer".to_owned(), Entry::Text(self.renderer.clone())),
             ("scene_hash".to_owned(), Entry::Text(self.scene_hash.clone())),
+            ("scene_file".to_owned(), Entry::Text(self.main.clone())),
             ("seed".to_owned(), integer(self.seed)),
             ("iterations".to_owned(), integer(self.iterations)),
         ];
+        let asked = self.iterations_asked.map(u64::from).map(integer);
+        entries.extend(asked.map(|asked| ("iterations_asked".to_owned(), asked)));
         entries.extend(self.noise.map(|noise| ("noise".to_owned(), Entry::Float(noise as f32))));
         for (name, range) in [("sigma", self.sigma), ("theta", self.theta)] {
             if let Some([first, last]) = range {

@@ -237,7 +237,9 @@ mod tests {
     fn metadata() -> PictureMetadata {
         PictureMetadata {
             version: "1.2.3".into(),
+            renderer: "1.2.3+0f".into(),
             scene_hash: "ab12".into(),
+            main: "room.xml".into(),
             defines: [("größe".into(), "2 \u{1F4A1} \"quoted\"".into())].into(),
             integrator: IntegratorSettings::Pcf(PcfSettings {
                 alpha: 0.3,
@@ -245,6 +247,7 @@ mod tests {
             }),
             seed: u64::MAX,
             iterations: 64,
+            iterations_asked: Some(100),
             sigma: Some([0.1, 0.05]),
             theta: Some([0.3, 0.15]),
             noise: Some(0.0625),
@@ -261,6 +264,23 @@ mod tests {
         assert_eq!(decoded.metadata, Some(metadata()));
         let bytes = encode_exr(&original, &metadata()).unwrap();
         assert_eq!(read_metadata(&bytes).unwrap(), Some(metadata()));
+    }
+
+    #[test]
+    fn metadata_of_older_versions_are_read() {
+        let mut json = serde_json::to_value(metadata()).unwrap();
+        let fields = json.as_object_mut().unwrap();
+        for name in ["renderer", "main", "iterations_asked", "noise"] {
+            assert!(fields.remove(name).is_some());
+        }
+        let expected = PictureMetadata {
+            renderer: String::new(),
+            main: String::new(),
+            iterations_asked: None,
+            noise: None,
+            ..metadata()
+        };
+        assert_eq!(serde_json::from_value::<PictureMetadata>(json).unwrap(), expected);
     }
 
     #[test]
@@ -288,6 +308,9 @@ mod tests {
         assert_eq!(attribute("sigma_first"), Some(AttributeValue::F32(0.1)));
         assert_eq!(attribute("sigma_last"), Some(AttributeValue::F32(0.05)));
         assert_eq!(attribute("theta_last"), Some(AttributeValue::F32(0.15)));
+        assert_eq!(attribute("iterations_asked"), Some(AttributeValue::I32(100)));
+        assert_eq!(attribute("scene_file"), string("room.xml"));
+        assert_eq!(attribute("renderer"), string("1.2.3+0f"));
         assert_eq!(attribute("noise"), Some(AttributeValue::F32(0.0625)));
         assert_eq!(attribute("scene_hash"), string("ab12"));
         assert_eq!(attribute("sigma1"), None);

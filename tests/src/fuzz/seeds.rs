@@ -39,6 +39,7 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
         worker,
         attempt: 1,
         expires_in_ms: 30_000,
+        ends_in_ms: Some(5_000),
     };
     vec![
         message(&Register {

@@ -6,6 +6,7 @@ use photonfarm_coordinator::{Config, Coordinator, open_stores};
 use photonfarm_core::film::{Image, Node};
 use photonfarm_core::integrator::{Counts, Iteration, Observer, Phase, RenderError};
 use photonfarm_core::picture::{DecodedExr, decode_exr};
+use photonfarm_core::scene::Wishes;
 use photonfarm_core::settings::{IntegratorSettings, PppmSettings, STATISTICS_PER_PIXEL};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_core::tree::Average;
@@ -133,6 +134,10 @@ struct DoubleScene(Arc<Stage>);
 impl LoadedScene for DoubleScene {
     fn resolution(&self) -> [u32; 2] {
         SIZE
+    }
+
+    fn wishes(&self) -> Wishes {
+        Wishes::default()
     }
 
     fn bandwidth(&self, _: &IntegratorSettings, iteration: u32, _: &[f32]) -> Option<BandwidthRange> {
@@ -348,7 +353,7 @@ impl Farm {
             scene: bundle,
             main: "scene.xml".into(),
             defines: BTreeMap::new(),
-            integrator,
+            integrator: integrator.into(),
             iterations,
             seed: SEED,
             schedule: Default::default(),

@@ -21,7 +21,7 @@ fn farm_of(iterations: u32, workers: u64, verifies: bool) -> Farm {
         });
     }
     let chain = JobSpec {
-        integrator: IntegratorSettings::Sppm(PppmSettings::default()),
+        integrator: IntegratorSettings::Sppm(PppmSettings::default()).into(),
         ..spec(iterations)
     };
     commit(&mut farm, 0, |farm| farm.submit(chain, String::new(), None, 0));

@@ -216,6 +216,29 @@ fn a_deadline_ends_a_job_with_its_complete_prefix() {
     assert!(farm.job(late).is_none(), "a job without any iteration fails");
 }
 
+/// Iterations take three seconds and leases up to thirty, so that the one that begins after 24 s would be over at 48 s.
+#[test]
+fn leases_are_cut_to_the_deadline() {
+    let mut farm = farm_with(1, 1);
+    serve(&mut farm, 1, &mut 0);
+    let schedule = Schedule {
+        deadline_ms: Some(42_000),
+        ..Schedule::default()
+    };
+    let job = submit(&mut farm, 1000, "", schedule);
+    let (mut now, mut lengths) = (0, Vec::new());
+    while now < 42_000 {
+        let lease = grant(&mut farm, 1, &[], now).unwrap();
+        now += 3_000 * lease.node.leaves();
+        lengths.push(lease.node.leaves());
+        assert!(now <= 42_000, "{lengths:?}: the last lease would be void");
+        deliver(&mut farm, &delivery(&lease, lease.node), now).unwrap();
+    }
+    assert_eq!(lengths, [1, 1, 2, 4, 4, 2]);
+    commit(&mut farm, now, |farm| farm.expire(now));
+    assert_eq!(farm.job(job).unwrap().leaves(), 14);
+}
+
 #[test]
 fn jobs_ask_for_tags_and_keep_to_one_renderer() {
     let mut farm = farm_with(1, 1);

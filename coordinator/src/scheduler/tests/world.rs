@@ -162,8 +162,8 @@ impl World {
             main: "scene.xml".into(),
             defines: Default::default(),
             integrator: match self.random.chance(30) {
-                true => IntegratorSettings::Sppm(PppmSettings::default()),
-                false => IntegratorSettings::Path(PathSettings::default()),
+                true => IntegratorSettings::Sppm(PppmSettings::default()).into(),
+                false => IntegratorSettings::Path(PathSettings::default()).into(),
             },
             iterations,
             seed: 0,

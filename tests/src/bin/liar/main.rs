@@ -3,6 +3,7 @@
 //!     liar COORDINATOR NAME CACHE
 
 use photonfarm_core::integrator::{Iteration, Observer, RenderError};
+use photonfarm_core::scene::Wishes;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::job::BandwidthRange;
@@ -28,6 +29,10 @@ struct LyingScene(Arc<dyn LoadedScene>);
 impl LoadedScene for LyingScene {
     fn resolution(&self) -> [u32; 2] {
         self.0.resolution()
+    }
+
+    fn wishes(&self) -> Wishes {
+        self.0.wishes()
     }
 
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {

@@ -214,7 +214,7 @@ fn write(options: &Options, seeds: usize, rows: &[Row]) -> Result<()> {
          of the picture's mean; in parentheses 95 % confidence intervals (jackknife over seeds). \"Noise\" is the standard deviation of a \
          pixel under independent sampling over the picture's mean.\n\n\
          Iterations that balance each other are better than squares of single iterations tell: by the square root of the \"pixel\" column.\n\
-         The standard error in a picture comes from differences of halves instead, and is at most twice too large (`core/tests/noise.rs`,\n\
+         The standard error in a picture comes from differences of halves instead, and is 0.9 to 2.5 times the true one (`core/tests/noise.rs`,\n\
          [FARM.md](../FARM.md#the-tree)).\n\n\
          | scene | integrator | N | noise | pixel | picture |\n| --- | --- | --- | --- | --- | --- |\n"
     );

@@ -63,7 +63,14 @@ impl World {
     /// A worker fetches what its lease goes on from; nothing if that was given up.
     fn fetch(&mut self, lease: &LeaseRecord) -> Option<u64> {
         let (job, token) = (lease.job, lease.token);
-        if !self.rows.jobs[&job].head.spec.integrator.is_sequential() || lease.node.first() == 0 {
+        if !self.rows.jobs[&job]
+            .head
+            .spec
+            .integrator
+            .with_defaults()
+            .is_sequential()
+            || lease.node.first() == 0
+        {
             return Some(statistics(job, 0));
         }
         if let Some(known) = self.fetched.get(&token) {
@@ -92,7 +99,12 @@ impl World {
         let Some(mut before) = self.fetch(&lease) else {
             return self.post.push(Letter::Release(lease));
         };
-        let is_chain = self.rows.jobs[&lease.job].head.spec.integrator.is_sequential();
+        let is_chain = self.rows.jobs[&lease.job]
+            .head
+            .spec
+            .integrator
+            .with_defaults()
+            .is_sequential();
         let lies = kind == Kind::Liar && self.random.chance(60);
         let cursed = |leaf: &u64| self.cursed.contains(&(lease.job, *leaf as u32));
         let mut bad = (lease.node.first()..lease.node.end()).find(cursed).filter(|_| !lies);

@@ -1,0 +1,157 @@
+//! What an interrupted render leaves, so that it can go on: a partial picture, and beside it the folder of its farm, in which the
+//! nodes of the tree are. An average alone could not be gone on from, bit for bit.
+
+use crate::output::PictureFiles;
+use anyhow::{Context, Result, bail};
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// What is in every folder of a farm.
+const STATE: &str = "farm.sqlite";
+
+/// The folder of a render's farm.
+pub(crate) enum FarmFolder {
+    /// It goes with the process.
+    Temporary(TempDir),
+    /// An earlier render left it.
+    Kept(PathBuf),
+}
+
+impl FarmFolder {
+    /// The folder that an interrupted render left beside its partial picture, if there is one; else a new one.
+    pub(crate) fn beside(picture: Option<&Path>) -> Result<Self> {
+        let kept = picture.filter(|picture| partial(picture) == **picture).map(folder_of);
+        let kept = kept.filter(|folder| folder.join(STATE).is_file());
+        match kept {
+            Some(folder) => Ok(Self::Kept(folder)),
+            None => Ok(Self::Temporary(temporary()?)),
+        }
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        match self {
+            Self::Temporary(folder) => folder.path(),
+            Self::Kept(folder) => folder,
+        }
+    }
+
+    /// Removes the folder: the picture is complete.
+    pub(crate) fn remove(self) -> Result<()> {
+        match self {
+            Self::Temporary(folder) => Ok(folder.close()?),
+            Self::Kept(folder) => {
+                fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
+            }
+        }
+    }
+
+    /// Keeps the folder beside a partial picture.
+    pub(crate) fn keep(self, picture: &Path) -> Result<()> {
+        let to = folder_of(picture);
+        if self.path() == to {
+            return Ok(());
+        }
+        let context = || format!("cannot keep what was rendered in {}", to.display());
+        if to.exists() {
+            if !to.join(STATE).is_file() {
+                bail!("{} is in the way: no interrupted render left it", to.display());
+            }
+            fs::remove_dir_all(&to).with_context(context)?;
+        }
+        // A folder cannot be renamed into another file system.
+        if fs::rename(self.path(), &to).is_err() {
+            copy(self.path(), &to).with_context(context)?;
+            return self.remove();
+        }
+        if let Self::Temporary(folder) = self {
+            let _renamed = folder.keep();
+        }
+        Ok(())
+    }
+}
+
+/// A folder of this process.
+pub(crate) fn temporary() -> Result<TempDir> {
+    tempfile::tempdir().context("cannot make a temporary folder; TMPDIR says where")
+}
+
+/// Where the partial picture of an interrupted render goes.
+pub(crate) fn partial(output: &Path) -> PathBuf {
+    let is_partial = output
+        .file_stem()
+        .is_some_and(|stem| Path::new(stem).extension().is_some_and(|e| e == "partial"));
+    match is_partial {
+        true => output.to_owned(),
+        false => output.with_extension("partial.exr"),
+    }
+}
+
+/// Writes a partial picture and keeps its farm.
+pub(crate) fn keep(farm: FarmFolder, picture: &Path, exr: &[u8], png: &[u8]) -> Result<()> {
+    PictureFiles::check(picture)?.write(exr, png)?;
+    farm.keep(picture)
+}
+
+fn folder_of(picture: &Path) -> PathBuf {
+    picture.with_extension("farm")
+}
+
+fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        match entry.file_type()?.is_dir() {
+            true => copy(&entry.path(), &target)?,
+            false => _ = fs::copy(entry.path(), target)?,
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn farm(folder: &Path, content: &str) {
+        fs::create_dir_all(folder.join("nodes")).unwrap();
+        fs::write(folder.join(STATE), content).unwrap();
+        fs::write(folder.join("nodes/a"), content).unwrap();
+    }
+
+    #[test]
+    fn a_farm_is_kept_found_and_removed() {
+        let folder = temporary().unwrap();
+        let picture = partial(&folder.path().join("a.exr"));
+        assert_eq!(picture, folder.path().join("a.partial.exr"));
+        assert_eq!(partial(&picture), picture);
+        for content in ["old", "new"] {
+            let work = FarmFolder::beside(None).unwrap();
+            farm(work.path(), content);
+            work.keep(&picture).unwrap();
+        }
+        let found = FarmFolder::beside(Some(&picture)).unwrap();
+        assert_eq!(fs::read(found.path().join("nodes/a")).unwrap(), b"new");
+        found.keep(&picture).unwrap();
+        let found = FarmFolder::beside(Some(&picture)).unwrap();
+        assert_eq!(found.path(), folder.path().join("a.partial.farm"));
+        let copied = folder.path().join("copy");
+        copy(found.path(), &copied).unwrap();
+        assert_eq!(fs::read(copied.join("nodes/a")).unwrap(), b"new");
+        found.remove().unwrap();
+        assert!(matches!(
+            FarmFolder::beside(Some(&picture)).unwrap(),
+            FarmFolder::Temporary(_)
+        ));
+    }
+
+    #[test]
+    fn a_folder_of_something_else_is_left_alone() {
+        let folder = temporary().unwrap();
+        let picture = folder.path().join("a.partial.exr");
+        fs::create_dir(folder.path().join("a.partial.farm")).unwrap();
+        let error = FarmFolder::beside(Some(&picture)).unwrap().keep(&picture).unwrap_err();
+        assert!(error.to_string().contains("in the way"), "{error}");
+    }
+}
