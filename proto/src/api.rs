@@ -25,6 +25,15 @@ pub struct BundleReply {
     pub missing: Vec<BlobHash>,
 }
 
+/// Which farm it is, and how often it was restored.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FarmIdentity {
+    /// Digits that no other farm has.
+    pub farm: String,
+    /// Rises whenever the farm is found to have been restored from a backup, or copied.
+    pub epoch: u64,
+}
+
 /// A page of jobs, newest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobPage {
@@ -103,4 +112,7 @@ pub struct Health {
     pub version: String,
     /// What the farm accepts.
     pub limits: Limits,
+    /// Which farm it is.
+    #[serde(default)]
+    pub farm: FarmIdentity,
 }

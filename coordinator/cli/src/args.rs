@@ -82,6 +82,16 @@ there is one, every request needs one. To listen for other machines:
   photonfarm token create boss --role admin --data farm > boss.token
   photonfarm serve --listen 0.0.0.0:7800 --data farm --tls-cert farm.pem --tls-key farm.key";
 
+const BACKUP_EXAMPLES: &str = "\
+Examples:
+  photonfarm backup --data farm /backup/farm-$(date +%F)
+      Saves the farm as it stands at an instant while the command runs.
+  photonfarm serve --listen 127.0.0.1:7800 --data /backup/farm-2026-11-27
+      Serves what was saved; or copy it to where the farm was, while that is stopped.
+
+A farm that was restored notices, and numbers new jobs beyond all that it can have given since the
+backup. Jobs in PostgreSQL are saved by PostgreSQL's own means: see docs/FARM.md.";
+
 const TOKEN_EXAMPLES: &str = "\
 Examples:
   photonfarm token create boss --role admin --data farm > boss.token
@@ -132,6 +142,9 @@ pub(crate) enum Command {
     /// Wait until a job of a farm is done, and fetch its picture
     #[command(after_help = EXIT_CODES)]
     Wait(WaitArgs),
+    /// Save a farm to a folder, while it runs or not
+    #[command(after_help = BACKUP_EXAMPLES)]
+    Backup(BackupArgs),
     /// Make, list and revoke tokens: who may use a farm
     #[command(after_help = TOKEN_EXAMPLES)]
     Token(TokenArgs),
@@ -170,6 +183,22 @@ pub(crate) struct RenderArgs {
     /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
     #[arg(long, value_name = "FILE")]
     pub(crate) stats: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BackupArgs {
+    /// Folder to save to; made if it is not there, and empty
+    #[arg(value_name = "TO")]
+    pub(crate) to: PathBuf,
+    /// Folder with jobs and images of the farm
+    #[arg(long, value_name = "DIR", required_unless_present_all = ["state", "blobs"])]
+    pub(crate) data: Option<PathBuf>,
+    /// Where jobs are kept: sqlite:PATH [default: farm.sqlite in the data folder]
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_STATE", hide_env_values = true)]
+    pub(crate) state: Option<StatePlace>,
+    /// Where scenes and images are kept: file:PATH or s3://BUCKET/PREFIX [default: the data folder]
+    #[arg(long, value_name = "URL", env = "PHOTONFARM_BLOBS")]
+    pub(crate) blobs: Option<BlobPlace>,
 }
 
 #[derive(Debug, Args)]

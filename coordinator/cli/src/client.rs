@@ -211,8 +211,13 @@ impl Client {
         }
     }
 
-    /// Follows a job to its end, however often the connection breaks, and tells `watch` of each status.
-    pub(crate) async fn follow(&self, job: JobId, mut watch: impl FnMut(&JobStatus)) -> Result<JobStatus> {
+    /// Follows a job to its end, however often the connection breaks, and tells `watch` of each status, which may
+    /// refuse it.
+    pub(crate) async fn follow(
+        &self,
+        job: JobId,
+        mut watch: impl FnMut(&JobStatus) -> Result<()>,
+    ) -> Result<JobStatus> {
         let path = format!("jobs/{job}/events");
         loop {
             let response = self.retry(PATIENCE, || self.request(Method::GET, &path)).await?;
@@ -222,7 +227,7 @@ impl Client {
                     continue;
                 }
                 let status: JobStatus = serde_json::from_str(&data).context("cannot read the job's status")?;
-                watch(&status);
+                watch(&status)?;
                 if status.state.ended() {
                     return Ok(status);
                 }

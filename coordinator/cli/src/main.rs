@@ -4,6 +4,7 @@
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod args;
+mod backup;
 mod client;
 mod job;
 mod kept;
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
         Command::Wait(args) => submit::wait(args),
+        Command::Backup(args) => backup::run(args),
         Command::Token(args) => token::run(args),
         Command::Jobs(args) => steer::jobs(args),
         Command::Pause(args) => steer::act(args, "pause"),

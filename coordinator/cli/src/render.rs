@@ -137,8 +137,8 @@ async fn render(
     let drain = CancellationToken::new();
     let mut work = tokio::spawn(worker.run(drain.clone()));
     let picture = async {
-        let id = begin(&client, job, farm).await?;
-        let status = submit::follow(&client, id, job.spec.iterations).await?;
+        let asked = begin(&client, job, farm).await?;
+        let status = submit::follow(&client, &asked).await?;
         fetch(&client, status).await.map(Ending::Complete)
     };
     let result = tokio::select! {
@@ -167,13 +167,13 @@ async fn render(
 }
 
 /// Sends the job, or finds it where an earlier render has begun with it.
-async fn begin(client: &Client, job: &PreparedJob, farm: &Path) -> Result<JobId> {
+async fn begin(client: &Client, job: &PreparedJob, farm: &Path) -> Result<JobStatus> {
     let Some(begun) = client.jobs(1).await?.pop() else {
         return submit::send(client, job).await;
     };
     let spec = JobSpec {
         schedule: job.spec.schedule.clone(),
-        ..begun.spec
+        ..begun.spec.clone()
     };
     if spec != job.spec {
         let farm = farm.display();
@@ -181,7 +181,7 @@ async fn begin(client: &Client, job: &PreparedJob, farm: &Path) -> Result<JobId>
     }
     let (done, all) = (begun.iterations_done, spec.iterations);
     say::tell(format_args!("going on after {done} of {all} iterations"));
-    Ok(begun.id)
+    Ok(begun)
 }
 
 /// What there is of the picture. One worker delivers iterations in their order, so that they are the first ones.

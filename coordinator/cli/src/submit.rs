@@ -10,7 +10,7 @@ use crate::steer_args::WaitArgs;
 use anyhow::{Context, Result, bail};
 use photonfarm_core::picture;
 use photonfarm_proto::id::JobId;
-use photonfarm_proto::job::{JobState, JobStatus};
+use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
 use std::path::Path;
 
 /// Runs the command.
@@ -25,7 +25,8 @@ async fn submit(args: SubmitArgs) -> Result<()> {
     job.spec.schedule = args.schedule.schedule()?;
     job.key = args.key.unwrap_or(job.key);
     client.connect().await?;
-    let id = send(&client, &job).await?;
+    let asked = send(&client, &job).await?;
+    let id = asked.id;
     let said = say::line(id);
     if !args.wait {
         return said;
@@ -37,7 +38,7 @@ async fn submit(args: SubmitArgs) -> Result<()> {
     }
     let again = again(id, &args.coordinator, args.output.as_deref());
     say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
-    await_picture(&client, id, job.spec.iterations, output, &again).await
+    await_picture(&client, &asked, output, &again).await
 }
 
 /// Runs the command `wait`.
@@ -46,9 +47,9 @@ pub(crate) fn wait(args: WaitArgs) -> Result<()> {
         let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
         let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
         client.connect().await?;
-        let iterations = client.status(args.job).await?.spec.iterations;
+        let asked = client.status(args.job).await?;
         let again = again(args.job, &args.farm.coordinator, args.output.as_deref());
-        await_picture(&client, args.job, iterations, output, &again).await
+        await_picture(&client, &asked, output, &again).await
     })
 }
 
@@ -72,15 +73,10 @@ fn quoted(text: &str) -> String {
 }
 
 /// Waits for a job and writes its picture; `again` is the command that does so.
-async fn await_picture(
-    client: &Client,
-    id: JobId,
-    iterations: u32,
-    output: Option<PictureFiles>,
-    again: &str,
-) -> Result<()> {
+async fn await_picture(client: &Client, asked: &JobStatus, output: Option<PictureFiles>, again: &str) -> Result<()> {
+    let id = asked.id;
     let status = tokio::select! {
-        status = follow(client, id, iterations) => status?,
+        status = follow(client, asked) => status?,
         signal = tokio::signal::ctrl_c() => {
             signal?;
             say::tell(format_args!("interrupted; job {id} goes on; to go on waiting: {again}"));
@@ -93,8 +89,8 @@ async fn await_picture(
     }
 }
 
-/// Sends what the farm lacks of the bundle, then the job.
-pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobId> {
+/// Sends what the farm lacks of the bundle, then the job. Returns the job as the farm has taken it.
+pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus> {
     let reply = client.announce(&job.manifest).await?;
     for hash in reply.missing {
         let Some(bytes) = job.contents.get(&hash) else {
@@ -105,13 +101,19 @@ pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobId> {
         let context = || format!("cannot send {name} ({} bytes)", bytes.len());
         client.upload(hash, bytes).await.with_context(context)?;
     }
-    Ok(client.submit(&job.spec, &job.key).await?.id)
+    client.submit(&job.spec, &job.key).await
 }
 
 /// Shows progress until the job is done.
-pub(crate) async fn follow(client: &Client, id: JobId, iterations: u32) -> Result<JobStatus> {
-    let mut progress = Progress::start(iterations);
-    let status = client.follow(id, |status| progress.update(status)).await;
+pub(crate) async fn follow(client: &Client, asked: &JobStatus) -> Result<JobStatus> {
+    let id = asked.id;
+    let mut progress = Progress::start(asked.spec.iterations);
+    let watch = |status: &JobStatus| {
+        check_same(asked, status)?;
+        progress.update(status);
+        Ok(())
+    };
+    let status = client.follow(id, watch).await;
     progress.finish();
     let status = status?;
     match status.state {
@@ -125,6 +127,8 @@ pub(crate) async fn follow(client: &Client, id: JobId, iterations: u32) -> Resul
 async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles) -> Result<()> {
     let exr = client.image(status.id, "exr").await?;
     let png = client.image(status.id, "png").await?;
+    // The farm may have been restored between the job's end and now.
+    check_same(status, &client.status(status.id).await?)?;
     output.write(&exr, &png)?;
     say::tell(format_args!("{}: {}", output.names(), in_words(&exr)?));
     Ok(())
@@ -139,6 +143,24 @@ pub(crate) fn in_words(exr: &[u8]) -> Result<String> {
         metadata.iterations,
         noise.unwrap_or_default()
     ))
+}
+
+/// Refuses a job that has the number of the one that was asked for, and is another one.
+fn check_same(asked: &JobStatus, found: &JobStatus) -> Result<()> {
+    // What may change while a job goes on.
+    let spec = JobSpec {
+        iterations: asked.spec.iterations,
+        schedule: asked.spec.schedule.clone(),
+        ..found.spec.clone()
+    };
+    if spec != asked.spec || found.created_ms != asked.created_ms {
+        bail!(
+            "job {} is not the one that was asked for: the farm was restored from a backup, or another one answers now; \
+             submit again",
+            asked.id
+        );
+    }
+    Ok(())
 }
 
 fn failure(status: &JobStatus) -> String {
@@ -157,6 +179,33 @@ fn failure(status: &JobStatus) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What a farm that was restored, or another one, may say of the same number.
+    #[test]
+    fn another_job_of_the_same_number_is_refused() {
+        let asked: JobStatus = serde_json::from_value(serde_json::json!({
+            "id": 10, "created_ms": 5, "state": "queued", "iterations_done": 0, "iterations_rendered": 0,
+            "poisoned": [], "totals": photonfarm_proto::job::Totals::default(), "workers": 0, "spec": {
+                "scene": "0".repeat(64), "main": "scene.xml", "iterations": 4, "seed": 1,
+                "integrator": {"type": "path"}}}))
+        .unwrap();
+        let mut found = asked.clone();
+        found.spec.iterations = 8;
+        found.state = JobState::Done;
+        check_same(&asked, &found).unwrap();
+        let other = JobStatus {
+            created_ms: 6,
+            ..found.clone()
+        };
+        assert!(
+            check_same(&asked, &other)
+                .unwrap_err()
+                .to_string()
+                .contains("job 10 is not the one")
+        );
+        found.spec.seed = 2;
+        assert!(check_same(&asked, &found).is_err());
+    }
 
     #[test]
     fn commands_are_quoted_for_the_shell() {

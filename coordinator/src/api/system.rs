@@ -27,6 +27,7 @@ pub(super) async fn health(State(service): State<App>) -> Result<Json<Health>, A
     Ok(Json(Health {
         status: "ok".into(),
         version: VERSION.into(),
+        farm: service.identity(),
         limits: service.limits.clone(),
     }))
 }

@@ -1,11 +1,15 @@
 //! The time of the farm.
 
 use crate::scheduler::record::Millis;
+use crate::store::{StateStore, StoreError};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Corrections backwards of up to so much make the clock stand still instead [ms].
 const SMALL_STEP: u64 = 1000;
+
+/// Longest measurement that is believed [ms].
+const SLOWEST: Millis = 1000;
 
 /// Milliseconds since 1970 by the clock that all coordinators of the farm share.
 ///
@@ -17,6 +21,8 @@ pub(super) struct Clock {
     ahead: AtomicI64,
     /// The latest time that was told.
     told: AtomicU64,
+    /// Time in which the machine was suspended, when that was last asked.
+    suspended: AtomicI64,
 }
 
 /// Milliseconds by a clock that nobody sets and that counts the time of suspension as well.
@@ -24,6 +30,19 @@ pub(super) struct Clock {
 fn steady_ms() -> i64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
     time.tv_sec * 1000 + time.tv_nsec / 1_000_000
+}
+
+/// Milliseconds since its start in which the machine was suspended.
+#[cfg(target_os = "linux")]
+fn suspended_ms() -> i64 {
+    let awake = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    steady_ms() - (awake.tv_sec * 1000 + awake.tv_nsec / 1_000_000)
+}
+
+/// Nothing is known of suspension.
+#[cfg(not(target_os = "linux"))]
+fn suspended_ms() -> i64 {
+    0
 }
 
 /// Milliseconds by a clock that nobody sets.
@@ -42,6 +61,7 @@ impl Clock {
         Self {
             ahead: AtomicI64::new(since_1970.as_millis() as i64 - steady_ms()),
             told: AtomicU64::new(0),
+            suspended: AtomicI64::new(suspended_ms()),
         }
     }
 
@@ -50,6 +70,32 @@ impl Clock {
         let now = steady_ms() + self.ahead.load(Ordering::Relaxed);
         let now = Millis::try_from(now).unwrap_or_default();
         now.max(self.told.fetch_max(now, Ordering::Relaxed))
+    }
+
+    /// How long the machine was suspended since this was last asked [ms].
+    pub(super) fn suspended(&self) -> i64 {
+        let now = suspended_ms();
+        now - self.suspended.swap(now, Ordering::Relaxed)
+    }
+
+    /// The machine was suspended for so long.
+    #[cfg(test)]
+    pub(super) fn suspend(&self, ms: i64) {
+        self.ahead.fetch_add(ms, Ordering::Relaxed);
+        self.suspended.fetch_sub(ms, Ordering::Relaxed);
+    }
+
+    /// Measures the clock that all coordinators share, if there is one, and follows it. Returns by how much this one
+    /// went ahead [ms].
+    pub(super) async fn measure(&self, state: &dyn StateStore) -> Result<i64, StoreError> {
+        let before = self.now();
+        let shared = state.time_ms().await?;
+        let after = self.now();
+        Ok(match shared {
+            // What took long tells little.
+            Some(shared) if after - before <= SLOWEST => self.set(before, shared, after),
+            _ => 0,
+        })
     }
 
     /// Sets the clock by a measurement of the shared one, which was read between two readings of this one. Returns by

@@ -30,6 +30,7 @@ use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
 use clock::Clock;
+use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
@@ -94,8 +95,7 @@ impl Service {
     /// Goes on from what the stores hold.
     pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
         let clock = Clock::new();
-        let now = clock.now();
-        clock.set(now, now.saturating_add_signed(stores.state.clock_offset_ms()), now);
+        clock.measure(&*stores.state).await?;
         let scheduler = SchedulerConfig {
             verify_secret: RandomState::new().hash_one(0),
             ..scheduler
@@ -161,6 +161,7 @@ impl Service {
     /// What the clock makes happen. Where several coordinators share the farm, one of them does it.
     async fn tick(self: &Arc<Self>) -> Result<(), ServiceError> {
         self.exchange_beats().await?;
+        self.watch_clock().await?;
         if self.take_lead().await? {
             self.transact(|farm, now| Ok(farm.expire(now))).await?;
             self.fold_all().await;
@@ -171,6 +172,11 @@ impl Service {
     /// Ends waiting requests and the clockwork.
     pub fn stop(&self) {
         self.stopping.send_replace(true);
+    }
+
+    /// Which farm it is.
+    pub(crate) fn identity(&self) -> FarmIdentity {
+        self.stores.state.identity()
     }
 
     /// Lets go of the state, so that another coordinator can open it; work in the background ends with an error.

@@ -7,10 +7,15 @@ use crate::store::Beat;
 use photonfarm_proto::id::{JobId, WorkerId};
 use photonfarm_proto::worker::LeaseProgress;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+/// Time between two measurements of the clock that all coordinators share [ms].
+const MEASURE_EVERY: Millis = 60_000;
+/// Absence of this coordinator, or step of the clock, after which silence is held against no worker [ms]: half of the time
+/// after which leases expire.
+const ABSENCE: i64 = 15_000;
 /// Wait after a failure to learn the news.
 const PAUSE: Duration = Duration::from_secs(1);
 
@@ -20,6 +25,8 @@ pub(super) struct Shared {
     /// Signs of life that others were not told of yet.
     heard: Mutex<BTreeMap<WorkerId, Beat>>,
     leads: AtomicBool,
+    /// When the clock was last measured.
+    measured: AtomicU64,
 }
 
 impl Service {
@@ -64,6 +71,28 @@ impl Service {
         for Beat { worker, at_ms, leases } in beats {
             // A worker that is gone, or is not known here yet, matters to nobody here.
             let _lost = cell.farm.heartbeat(worker, &leases, at_ms);
+        }
+        Ok(())
+    }
+
+    /// Follows the clock that all coordinators share. Where this coordinator was not there for a while, since its machine
+    /// was suspended, or where that clock was set, leases begin anew as after a start: nobody can have heard of their
+    /// workers meanwhile.
+    pub(super) async fn watch_clock(self: &Arc<Self>) -> Result<(), ServiceError> {
+        let (now, away) = (self.clock.now(), self.clock.suspended());
+        let mut step = 0;
+        if now.abs_diff(self.shared.measured.load(Ordering::Relaxed)) > MEASURE_EVERY {
+            step = self.clock.measure(&*self.stores.state).await?;
+            self.shared.measured.store(self.clock.now(), Ordering::Relaxed);
+        }
+        if away > ABSENCE || step.abs() > ABSENCE {
+            tracing::warn!(
+                suspended_ms = away,
+                clock_step_ms = step,
+                "this machine was suspended, or the farm's clock was set: leases begin anew"
+            );
+            let mut cell = self.fresh_farm().await?;
+            self.reload(&mut cell).await?;
         }
         Ok(())
     }

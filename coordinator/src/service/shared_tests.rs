@@ -123,6 +123,18 @@ async fn a_worker_that_waits_at_one_gets_the_job_that_the_other_takes() {
     running.await.unwrap();
 }
 
+/// The clocks of two machines drift apart, or one is set: both follow the database's.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clocks_are_measured_again() {
+    let (folder, url) = (tempfile::tempdir().unwrap(), Postgres::shared().database());
+    let (a, b) = (open(&url, folder.path()).await, open(&url, folder.path()).await);
+    a.watch_clock().await.unwrap();
+    let now = a.clock.now();
+    a.clock.set(now, now + 7_200_000, now);
+    a.watch_clock().await.unwrap();
+    assert!(a.clock.now().abs_diff(b.clock.now()) < 60_000, "two hours are gone");
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn signs_of_life_at_one_keep_a_lease_at_the_other_which_leads_next() {
     let (folder, url) = (tempfile::tempdir().unwrap(), Postgres::shared().database());

@@ -263,6 +263,16 @@ async fn a_lease_whose_commit_is_in_doubt_never_shares_its_token() {
     assert!(world.lease().await.token > doubtful);
 }
 
+/// The machine sleeps for an hour: its clock goes on, and no worker could be heard meanwhile.
+#[tokio::test]
+async fn a_coordinator_that_was_suspended_does_not_hold_it_against_workers() {
+    let world = World::new(4).await;
+    let lease = world.lease().await;
+    world.service.clock.suspend(3_600_000);
+    world.service.tick().await.unwrap();
+    assert_eq!(world.upload(&lease).await.unwrap(), Delivered::Counted);
+}
+
 #[tokio::test]
 async fn merges_left_undone_are_done_after_the_next_start() {
     let world = World::new(2).await;

@@ -262,8 +262,7 @@ async fn a_row_is_committed_soon_after_its_bytes_or_never() {
         let (arrived, ()) = tokio::join!(world.arrive(&lease), async {
             gate.reached().await;
             // The coordinator is suspended for a quarter of an hour; its clock goes on.
-            let now = clock.now();
-            clock.set(now, now + 900_000, now);
+            clock.suspend(900_000);
             gate.open();
         });
         let problem = arrived.unwrap_err().into_problem();

@@ -175,6 +175,10 @@ pub(crate) struct FaultyState {
 
 #[async_trait]
 impl StateStore for FaultyState {
+    fn identity(&self) -> FarmIdentity {
+        self.inner.identity()
+    }
+
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
         self.inner.load().await
     }
@@ -260,7 +264,7 @@ impl StateStore for FaultyState {
         self.inner.leads().await
     }
 
-    fn clock_offset_ms(&self) -> i64 {
-        self.inner.clock_offset_ms()
+    async fn time_ms(&self) -> Result<Option<Millis>, StoreError> {
+        self.inner.time_ms().await
     }
 }

@@ -4,6 +4,7 @@ use super::{Commit, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, Counters, JobControl, JobHead, JobRecord, Snapshot, WorkerRecord};
 use async_trait::async_trait;
+use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
@@ -168,6 +169,10 @@ impl MemoryStore {
 
 #[async_trait]
 impl StateStore for MemoryStore {
+    fn identity(&self) -> FarmIdentity {
+        FarmIdentity::default()
+    }
+
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
         Ok((0, self.rows().snapshot()))
     }

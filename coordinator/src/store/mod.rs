@@ -3,6 +3,7 @@
 //! Bytes are published before the row that names them is committed, and removed after the row that named them is gone.
 //! A crash in between leaves bytes without a row, which the next start removes; never a row without bytes.
 
+mod backup;
 #[cfg(test)]
 mod blob_tests;
 #[cfg(test)]
@@ -23,6 +24,7 @@ mod sqlite;
 #[cfg(test)]
 mod tests;
 
+pub use backup::{Backup, BackupError, back_up};
 pub use folder::FolderStore;
 pub use object::ObjectBlobs;
 pub use place::{BlobPlace, PlaceError, StatePlace};
@@ -32,6 +34,7 @@ pub use sqlite::SqliteStore;
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
+use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
@@ -201,11 +204,14 @@ pub struct Beat {
 /// # Contract
 /// * [`commit`](Self::commit) applies all changes or none, and what it applied survives a crash of the machine.
 ///   After an error the outcome is unknown until [`news`](Self::news) or [`load`](Self::load) tell.
-/// * Counters never fall, even when the rows that used them are gone.
+/// * Counters never fall, even when the rows that used them are gone. A store that finds that it was restored from a
+///   backup, or copied, begins a new epoch, with numbers beyond all that the farm can have given meanwhile.
 /// * A store either has one user at a time, and opening it twice is an error; or it is
 ///   [`shared`](Self::is_shared), and a commit is kept only if it was decided upon the newest state.
 #[async_trait]
 pub trait StateStore: Send + Sync {
+    /// Which farm it is; known once the store is open.
+    fn identity(&self) -> FarmIdentity;
     /// The state to go on from.
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError>;
     /// Applies changes, all or none, if the farm still stands at `expected`.
@@ -269,9 +275,9 @@ pub trait StateStore: Send + Sync {
         Ok(true)
     }
 
-    /// What to add to this machine's clock so that all coordinators agree [ms].
-    fn clock_offset_ms(&self) -> i64 {
-        0
+    /// The time by the clock that all coordinators share; none where there is one coordinator, whose own will do.
+    async fn time_ms(&self) -> Result<Option<Millis>, StoreError> {
+        Ok(None)
     }
 }
 

@@ -14,11 +14,12 @@ use async_trait::async_trait;
 use bytes::BytesMut;
 use deadpool_postgres::{GenericClient, Manager, ManagerConfig, Object, Pool, RecyclingMethod, Runtime};
 use futures_util::future::poll_fn;
+use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use tokio::sync::{Mutex, watch};
 use tokio::task::JoinHandle;
 use tokio_postgres::types::{FromSql, IsNull, ToSql, Type};
@@ -29,6 +30,20 @@ use tokio_postgres_rustls::MakeRustlsConnect;
 const CONNECTIONS: usize = 8;
 /// Longest wait for a connection, and for an answer about who leads.
 const CONNECT: Duration = Duration::from_secs(5);
+/// Longest silence of the other side of a connection: packets that are not acknowledged end it, on either side.
+const SILENCE: Duration = Duration::from_secs(20);
+/// Time without traffic after which the other side is asked whether it is there, time between two such questions, and how
+/// many of them without an answer end the connection.
+const KEEPALIVE: (Duration, Duration, u32) = (Duration::from_secs(5), Duration::from_secs(5), 3);
+/// What each session asks of the server: how long it waits for a lock, how long a statement may take, and for how long a
+/// transaction may be left lying before it is undone and its locks are free [ms].
+const SESSION: [(&str, u32); 3] = [
+    ("lock_timeout", 10_000),
+    ("statement_timeout", 20_000),
+    ("idle_in_transaction_session_timeout", 10_000),
+];
+/// Longest time that anything may take, whatever the server or the network does; longer than the server's own limits.
+const DEADLINE: Duration = Duration::from_secs(30);
 /// Longest time without a look for news.
 const POLL: Duration = Duration::from_secs(1);
 /// Commits that the table `change` remembers.
@@ -37,8 +52,9 @@ const REMEMBERED: Sequence = 16_384;
 const PRUNE_EVERY: Sequence = 256;
 /// Age at which a sign of life is of no use to anyone [ms].
 const BEAT_AGE: i64 = 86_400_000;
-/// Time by which signs of life may be seen late [ms].
-const BEAT_MARGIN: Millis = 5_000;
+/// Time from the writing of signs of life to their commit, at most [ms]: for so long they may be told twice, and never not
+/// at all. When they were heard does not matter, which may have been long before.
+const BEAT_MARGIN: Millis = 60_000;
 /// Names what the leader locks.
 const LEADER: i64 = 0x5048_464d_0001;
 /// The database's clock [ms since 1970].
@@ -47,7 +63,7 @@ const NOW: &str = "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS B
 /// The state of a farm in a PostgreSQL database.
 pub struct PostgresStore {
     pool: Pool,
-    offset_ms: i64,
+    identity: FarmIdentity,
     /// The highest place in the order of commits that was heard of.
     heard: watch::Receiver<Sequence>,
     listener: JoinHandle<()>,
@@ -59,7 +75,7 @@ pub struct PostgresStore {
 impl PostgresStore {
     /// Connects, and makes or migrates the tables. `place` names the database in errors, without its password.
     pub async fn open(mut config: Config, place: &str) -> Result<Self, StoreError> {
-        config.application_name("photonfarm").connect_timeout(CONNECT);
+        bound(&mut config);
         let recycling_method = RecyclingMethod::Fast;
         let tls = connector(&mut config, place)?;
         let manager = Manager::from_config(config.clone(), tls.clone(), ManagerConfig { recycling_method });
@@ -77,18 +93,29 @@ impl PostgresStore {
             },
             other => other,
         })?;
-        prepare(&mut client, place).await?;
-        let offset_ms = clock_offset(&client).await?;
+        let identity = prepare(&mut client, place).await?;
         drop(client);
         let (tell, heard) = watch::channel(0);
         Ok(Self {
             pool,
-            offset_ms,
+            identity,
             heard,
             listener: tokio::spawn(listen(config, tls, tell)),
             leader: Mutex::default(),
             beats_seen_ms: AtomicU64::new(0),
         })
+    }
+
+    /// What is asked of the database, within the deadline. Connections that were asked in vain are used no more.
+    async fn within<T>(&self, work: impl Future<Output = Result<T, StoreError>>) -> Result<T, StoreError> {
+        match tokio::time::timeout(DEADLINE, work).await {
+            Ok(result) => result,
+            Err(_) => {
+                self.pool.retain(|_, _| false);
+                let seconds = DEADLINE.as_secs();
+                Err(StoreError::Connection(format!("no answer within {seconds} s")))
+            }
+        }
     }
 
     /// Answers by queries on one state. Where a connection turns out to be dead, another one is asked.
@@ -97,12 +124,12 @@ impl PostgresStore {
         question: impl for<'a> Fn(&'a mut dyn Queries) -> Answer<'a, T> + Send + Sync,
     ) -> Result<T, StoreError> {
         for _ in 0..CONNECTIONS {
-            match self.ask_once(&question).await {
+            match self.within(self.ask_once(&question)).await {
                 Err(StoreError::Postgres(error)) if error.is_closed() => {}
                 other => return other,
             }
         }
-        self.ask_once(&question).await
+        self.within(self.ask_once(&question)).await
     }
 
     async fn ask_once<T: Send>(
@@ -126,15 +153,18 @@ impl PostgresStore {
         &self,
         question: impl for<'a> FnOnce(&'a mut dyn Queries) -> Answer<'a, (T, bool)> + Send,
     ) -> Result<T, StoreError> {
-        let mut client = get(&self.pool).await?;
-        let transaction = client.transaction().await?;
-        let (answer, kept) = question(&mut Session(&transaction)).await?;
-        if kept {
-            transaction.commit().await?;
-        } else {
-            transaction.rollback().await?;
-        }
-        Ok(answer)
+        self.within(async {
+            let mut client = get(&self.pool).await?;
+            let transaction = client.transaction().await?;
+            let (answer, kept) = question(&mut Session(&transaction)).await?;
+            if kept {
+                transaction.commit().await?;
+            } else {
+                transaction.rollback().await?;
+            }
+            Ok(answer)
+        })
+        .await
     }
 
     async fn try_lead(&self) -> Result<bool, StoreError> {
@@ -158,10 +188,43 @@ impl PostgresStore {
     }
 }
 
+#[cfg(test)]
+impl PostgresStore {
+    /// What a setting of its sessions is.
+    pub(super) async fn setting(&self, name: &str) -> String {
+        let client = get(&self.pool).await.unwrap();
+        client.query_one(&format!("SHOW {name}"), &[]).await.unwrap().get(0)
+    }
+}
+
 impl Drop for PostgresStore {
     fn drop(&mut self) {
         self.listener.abort();
     }
+}
+
+/// Bounds how long the other side may be silent, at both ends, and what it may take.
+fn bound(config: &mut Config) {
+    let (idle, interval, count) = KEEPALIVE;
+    config
+        .application_name("photonfarm")
+        .connect_timeout(CONNECT)
+        .tcp_user_timeout(SILENCE)
+        .keepalives(true)
+        .keepalives_idle(idle)
+        .keepalives_interval(interval)
+        .keepalives_retries(count);
+    let mut options = config.get_options().unwrap_or_default().to_owned();
+    for (name, value) in SESSION {
+        options += &format!(" -c {name}={value}");
+    }
+    options += &format!(
+        " -c tcp_user_timeout={} -c tcp_keepalives_idle={} -c tcp_keepalives_interval={} -c tcp_keepalives_count={count}",
+        SILENCE.as_millis(),
+        idle.as_secs(),
+        interval.as_secs()
+    );
+    config.options(options.trim());
 }
 
 async fn get(pool: &Pool) -> Result<Object, StoreError> {
@@ -170,18 +233,6 @@ async fn get(pool: &Pool) -> Result<Object, StoreError> {
         deadpool_postgres::PoolError::Closed => StoreError::Stopped,
         other => StoreError::Connection(other.to_string()),
     })
-}
-
-/// What to add to this machine's clock to have the database's.
-async fn clock_offset(client: &Object) -> Result<i64, StoreError> {
-    let local = || {
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        since_1970.as_millis() as i64
-    };
-    let before = local();
-    let database: i64 = client.query_one(NOW, &[]).await?.get(0);
-    let after = local();
-    Ok(database - before - (after - before) / 2)
 }
 
 /// Hears of commits for ever, on a connection of its own.
@@ -226,7 +277,7 @@ async fn listen_once(
 }
 
 /// A transaction.
-struct Session<'a>(&'a deadpool_postgres::Transaction<'a>);
+pub(super) struct Session<'a>(pub(super) &'a deadpool_postgres::Transaction<'a>);
 
 #[async_trait]
 impl Queries for Session<'_> {
@@ -295,6 +346,10 @@ fn unsigned(value: i64) -> u64 {
 
 #[async_trait]
 impl StateStore for PostgresStore {
+    fn identity(&self) -> FarmIdentity {
+        self.identity.clone()
+    }
+
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
         self.ask(|queries| {
             Box::pin(async move {
@@ -306,54 +361,60 @@ impl StateStore for PostgresStore {
     }
 
     async fn commit(&self, expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError> {
-        let mut client = get(&self.pool).await?;
-        let transaction = client.transaction().await?;
-        let lock = transaction
-            .prepare_cached("SELECT sequence FROM farm FOR UPDATE")
-            .await?;
-        if unsigned(transaction.query_one(&lock, &[]).await?.try_get(0)?) != expected {
-            transaction.rollback().await?;
-            return Ok(Commit::Behind);
-        }
-        let mut session = Session(&transaction);
-        for change in &changes {
-            apply(&mut session, change).await?;
-        }
-        let next = expected + 1;
-        let step = "WITH told AS (INSERT INTO change (sequence, changes) VALUES ($1, $2)),
+        self.within(async {
+            let mut client = get(&self.pool).await?;
+            let transaction = client.transaction().await?;
+            let lock = transaction
+                .prepare_cached("SELECT sequence FROM farm FOR UPDATE")
+                .await?;
+            if unsigned(transaction.query_one(&lock, &[]).await?.try_get(0)?) != expected {
+                transaction.rollback().await?;
+                return Ok(Commit::Behind);
+            }
+            let mut session = Session(&transaction);
+            for change in &changes {
+                apply(&mut session, change).await?;
+            }
+            let next = expected + 1;
+            let step = "WITH told AS (INSERT INTO change (sequence, changes) VALUES ($1, $2)),
             stepped AS (UPDATE farm SET sequence = $1)
             SELECT pg_notify('photonfarm', CAST($1 AS TEXT))";
-        let step = transaction.prepare_cached(step).await?;
-        transaction
-            .query_one(&step, &[&signed(next), &sql::to_json(&changes)?])
-            .await?;
-        if next.is_multiple_of(PRUNE_EVERY) {
-            let forgotten = signed(next.saturating_sub(REMEMBERED));
+            let step = transaction.prepare_cached(step).await?;
             transaction
-                .execute("DELETE FROM change WHERE sequence <= $1", &[&forgotten])
+                .query_one(&step, &[&signed(next), &sql::to_json(&changes)?])
                 .await?;
-        }
-        transaction.commit().await?;
-        Ok(Commit::Kept(next))
+            if next.is_multiple_of(PRUNE_EVERY) {
+                let forgotten = signed(next.saturating_sub(REMEMBERED));
+                transaction
+                    .execute("DELETE FROM change WHERE sequence <= $1", &[&forgotten])
+                    .await?;
+            }
+            transaction.commit().await?;
+            Ok(Commit::Kept(next))
+        })
+        .await
     }
 
     async fn news(&self, since: Sequence) -> Result<News, StoreError> {
-        let client = get(&self.pool).await?;
-        let query = "SELECT farm.sequence, change.changes FROM farm
+        self.within(async {
+            let client = get(&self.pool).await?;
+            let query = "SELECT farm.sequence, change.changes FROM farm
             LEFT JOIN change ON change.sequence > $1 ORDER BY change.sequence";
-        let query = client.prepare_cached(query).await?;
-        let rows = client.query(&query, &[&signed(since)]).await?;
-        let Some(first) = rows.first() else {
-            return Err(StoreError::Damaged("the table `farm` has no row".into()));
-        };
-        let sequence = unsigned(first.try_get(0)?);
-        let texts: Result<Vec<Option<String>>, _> = rows.iter().map(|row| row.try_get(1)).collect();
-        let texts: Vec<String> = texts?.into_iter().flatten().collect();
-        if since + texts.len() as u64 != sequence {
-            return Ok(News::Forgotten);
-        }
-        let changes: Result<Vec<Vec<Change>>, StoreError> = texts.iter().map(|text| sql::from_json(text)).collect();
-        Ok(News::Changes(sequence, changes?.concat()))
+            let query = client.prepare_cached(query).await?;
+            let rows = client.query(&query, &[&signed(since)]).await?;
+            let Some(first) = rows.first() else {
+                return Err(StoreError::Damaged("the table `farm` has no row".into()));
+            };
+            let sequence = unsigned(first.try_get(0)?);
+            let texts: Result<Vec<Option<String>>, _> = rows.iter().map(|row| row.try_get(1)).collect();
+            let texts: Vec<String> = texts?.into_iter().flatten().collect();
+            if since + texts.len() as u64 != sequence {
+                return Ok(News::Forgotten);
+            }
+            let changes: Result<Vec<Vec<Change>>, StoreError> = texts.iter().map(|text| sql::from_json(text)).collect();
+            Ok(News::Changes(sequence, changes?.concat()))
+        })
+        .await
     }
 
     async fn wait_for_news(&self, since: Sequence) {
@@ -363,55 +424,66 @@ impl StateStore for PostgresStore {
     }
 
     async fn share_beats(&self, heard: Vec<Beat>) -> Result<Vec<Beat>, StoreError> {
-        let client = get(&self.pool).await?;
-        if !heard.is_empty() {
-            let workers: Vec<i64> = heard.iter().map(|beat| signed(beat.worker.0)).collect();
-            let times: Vec<i64> = heard.iter().map(|beat| signed(beat.at_ms)).collect();
-            let leases: Result<Vec<String>, _> = heard.iter().map(|beat| sql::to_json(&beat.leases)).collect();
-            let upsert = "INSERT INTO beat (worker, at_ms, leases)
-                SELECT * FROM unnest(CAST($1 AS BIGINT[]), CAST($2 AS BIGINT[]), CAST($3 AS TEXT[]))
-                ON CONFLICT (worker) DO UPDATE SET at_ms = excluded.at_ms, leases = excluded.leases
+        self.within(async {
+            let client = get(&self.pool).await?;
+            if !heard.is_empty() {
+                let workers: Vec<i64> = heard.iter().map(|beat| signed(beat.worker.0)).collect();
+                let times: Vec<i64> = heard.iter().map(|beat| signed(beat.at_ms)).collect();
+                let leases: Result<Vec<String>, _> = heard.iter().map(|beat| sql::to_json(&beat.leases)).collect();
+                let upsert = "INSERT INTO beat (worker, at_ms, leases, written_ms)
+                SELECT *, CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)
+                FROM unnest(CAST($1 AS BIGINT[]), CAST($2 AS BIGINT[]), CAST($3 AS TEXT[]))
+                ON CONFLICT (worker) DO UPDATE
+                SET at_ms = excluded.at_ms, leases = excluded.leases, written_ms = excluded.written_ms
                 WHERE beat.at_ms < excluded.at_ms";
-            let upsert = client.prepare_cached(upsert).await?;
-            client.execute(&upsert, &[&workers, &times, &leases?]).await?;
-        }
-        let seen = self.beats_seen_ms.load(Ordering::Relaxed);
-        let query = "SELECT worker, at_ms, leases FROM beat WHERE at_ms > $1";
-        let query = client.prepare_cached(query).await?;
-        let since = signed(seen.saturating_sub(BEAT_MARGIN));
-        let mut beats = Vec::new();
-        for row in client.query(&query, &[&since]).await? {
-            beats.push(Beat {
-                worker: WorkerId(unsigned(row.try_get(0)?)),
-                at_ms: unsigned(row.try_get(1)?),
-                leases: sql::from_json(row.try_get(2)?)?,
-            });
-        }
-        if let Some(newest) = beats.iter().map(|beat| beat.at_ms).max() {
+                let upsert = client.prepare_cached(upsert).await?;
+                client.execute(&upsert, &[&workers, &times, &leases?]).await?;
+            }
+            let seen = self.beats_seen_ms.load(Ordering::Relaxed);
+            let query = "SELECT worker, at_ms, leases, written_ms FROM beat WHERE written_ms > $1";
+            let query = client.prepare_cached(query).await?;
+            let since = signed(seen.saturating_sub(BEAT_MARGIN));
+            let (mut beats, mut newest) = (Vec::new(), seen);
+            for row in client.query(&query, &[&since]).await? {
+                newest = newest.max(unsigned(row.try_get(3)?));
+                beats.push(Beat {
+                    worker: WorkerId(unsigned(row.try_get(0)?)),
+                    at_ms: unsigned(row.try_get(1)?),
+                    leases: sql::from_json(row.try_get(2)?)?,
+                });
+            }
             self.beats_seen_ms.fetch_max(newest, Ordering::Relaxed);
-        }
-        Ok(beats)
+            Ok(beats)
+        })
+        .await
     }
 
     async fn leads(&self) -> Result<bool, StoreError> {
-        let before = self.leader.lock().await.is_some();
-        let leads = self.try_lead().await?;
-        if leads && !before {
-            tracing::info!("this coordinator leads: it expires leases, merges nodes and removes garbage");
-            let client = get(&self.pool).await?;
-            let old =
-                "DELETE FROM beat WHERE at_ms < CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT) - $1";
-            client.execute(old, &[&BEAT_AGE]).await?;
-        }
-        Ok(leads)
+        self.within(async {
+            let before = self.leader.lock().await.is_some();
+            let leads = self.try_lead().await?;
+            if leads && !before {
+                tracing::info!("this coordinator leads: it expires leases, merges nodes and removes garbage");
+                let client = get(&self.pool).await?;
+                let old =
+                    "DELETE FROM beat WHERE at_ms < CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT) - $1";
+                client.execute(old, &[&BEAT_AGE]).await?;
+            }
+            Ok(leads)
+        })
+        .await
     }
 
     fn is_shared(&self) -> bool {
         true
     }
 
-    fn clock_offset_ms(&self) -> i64 {
-        self.offset_ms
+    async fn time_ms(&self) -> Result<Option<Millis>, StoreError> {
+        let ask = async {
+            let client = get(&self.pool).await?;
+            Ok(Some(unsigned(client.query_one(NOW, &[]).await?.try_get(0)?)))
+        };
+        self.within(ask).await
     }
 
     async fn close(&self) {

@@ -1,13 +1,15 @@
 //! The tables of a PostgreSQL database: made, migrated and checked at every start, by one coordinator at a time.
 
-use super::StoreError;
+use super::postgres::Session;
+use super::{StoreError, sql};
 use deadpool_postgres::{Object, Transaction};
+use photonfarm_proto::api::FarmIdentity;
 
 /// Names what is locked while tables are made.
 const SCHEMA: i64 = 0x5048_464d_0002;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2];
 
 const SCHEMA_1: &str = "
 CREATE TABLE farm (
@@ -41,11 +43,24 @@ CREATE TABLE failure (
 CREATE INDEX failure_of_job ON failure (job);
 ";
 
+/// Which farm it is; when signs of life were written, which may be long after they were heard.
+const SCHEMA_2: &str = "
+CREATE TABLE identity (farm TEXT NOT NULL, epoch BIGINT NOT NULL, mark TEXT);
+ALTER TABLE beat ADD COLUMN written_ms BIGINT NOT NULL DEFAULT 0;
+";
+
+/// What a restored or copied database does not share with the one that it comes from: the cluster, its history (which forks
+/// when an older state, or another server, takes over), the database and its tables.
+const MARK: &str =
+    "SELECT concat_ws(' ', system_identifier, timeline_id, pg_database.oid, CAST('farm' AS regclass)::oid)
+    FROM pg_control_system(), pg_control_checkpoint(), pg_database WHERE datname = current_database()";
+
 /// What each table has to have.
 const COLUMNS: &[(&str, &str)] = &[
     ("farm", "schema_version sequence"),
     ("change", "sequence changes"),
-    ("beat", "worker at_ms leases"),
+    ("beat", "worker at_ms leases written_ms"),
+    ("identity", "farm epoch mark"),
     ("counter", "name value"),
     ("worker", "id record standing"),
     ("bundle", "hash manifest"),
@@ -61,8 +76,8 @@ const COLUMNS: &[(&str, &str)] = &[
     ("failure", "number job leaf attempt"),
 ];
 
-/// Makes or migrates the tables, and checks that they are as they should be.
-pub(super) async fn prepare(client: &mut Object, place: &str) -> Result<(), StoreError> {
+/// Makes or migrates the tables, and checks that they are as they should be. Returns which farm they are of.
+pub(super) async fn prepare(client: &mut Object, place: &str) -> Result<FarmIdentity, StoreError> {
     let transaction = client.transaction().await?;
     transaction
         .execute("SELECT pg_advisory_xact_lock($1)", &[&SCHEMA])
@@ -94,7 +109,18 @@ pub(super) async fn prepare(client: &mut Object, place: &str) -> Result<(), Stor
     transaction
         .execute("UPDATE farm SET schema_version = $1", &[&version])
         .await?;
-    Ok(transaction.commit().await?)
+    let mark: String = transaction.query_one(MARK, &[]).await?.try_get(0)?;
+    let known = "SELECT epoch FROM identity";
+    let before: Option<i64> = transaction.query_opt(known, &[]).await?.map(|row| row.get(0));
+    let identity = sql::identify(&mut Session(&transaction), Some(mark)).await?;
+    if before.is_some_and(|before| before as u64 != identity.epoch) {
+        // Whoever has the farm's state in memory is to load it again.
+        transaction
+            .execute("UPDATE farm SET sequence = sequence + 1", &[])
+            .await?;
+    }
+    transaction.commit().await?;
+    Ok(identity)
 }
 
 /// The version of the tables: 0 in an empty database; or why there is none.

@@ -99,11 +99,18 @@ async fn signs_of_life_are_shared() {
     assert_eq!(heard, [beat(1, 100_000), beat(2, 101_000)], "older news change nothing");
     assert_eq!(a.share_beats(vec![beat(3, 120_000)]).await.unwrap().len(), 3);
     assert_eq!(b.share_beats(vec![]).await.unwrap().len(), 3);
+    let minutes = "UPDATE beat SET written_ms = written_ms - 600000 WHERE worker < 3";
+    Postgres::shared().execute(&url, minutes);
     assert_eq!(
         b.share_beats(vec![]).await.unwrap(),
         [beat(3, 120_000)],
         "old ones are told once"
     );
+    // One coordinator could not reach the database for a while: what it heard long before is new to the other.
+    a.share_beats(vec![beat(4, 30_000)]).await.unwrap();
+    let mut heard = b.share_beats(vec![]).await.unwrap();
+    heard.sort_by_key(|beat| beat.worker);
+    assert_eq!(heard, [beat(3, 120_000), beat(4, 30_000)]);
 }
 
 #[tokio::test]
@@ -125,7 +132,24 @@ async fn one_leads_until_it_ends() {
 #[tokio::test]
 async fn clocks_agree_with_the_database() {
     let store = open(&Postgres::shared().database()).await.unwrap();
-    assert!(store.clock_offset_ms().abs() < 1000, "both run on this machine");
+    let database = store.time_ms().await.unwrap().unwrap();
+    let here = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .unwrap();
+    let here = here.as_millis() as Millis;
+    assert!(database.abs_diff(here) < 10_000, "both run on this machine");
+}
+
+#[tokio::test]
+async fn sessions_end_what_is_left_lying() {
+    let store = open(&Postgres::shared().database()).await.unwrap();
+    for (name, expected) in [
+        ("lock_timeout", "10s"),
+        ("statement_timeout", "20s"),
+        ("idle_in_transaction_session_timeout", "10s"),
+    ] {
+        assert_eq!(store.setting(name).await, expected);
+    }
 }
 
 #[tokio::test]
@@ -158,6 +182,32 @@ async fn tables_that_are_not_as_they_should_be_are_refused() {
         Ok(_) => panic!("opened"),
     };
     assert!(away.contains("database"), "{away}");
+}
+
+#[tokio::test]
+async fn a_database_that_was_restored_begins_a_new_epoch_and_gives_no_number_twice() {
+    let cluster = Postgres::shared();
+    let url = cluster.database();
+    let store = open(&url).await.unwrap();
+    let first = store.identity();
+    store.commit(0, history().remove(3)).await.unwrap();
+    let again = open(&url).await.unwrap();
+    assert_eq!(again.identity(), first, "nothing happened to it");
+    let restored = open(&cluster.restored(&url)).await.unwrap();
+    assert_eq!(
+        restored.identity(),
+        FarmIdentity {
+            epoch: first.epoch + 1,
+            ..first
+        }
+    );
+    let (sequence, snapshot) = restored.load().await.unwrap();
+    assert_eq!((sequence, snapshot.jobs.len()), (2, 1));
+    let (counters, year) = (snapshot.counters, 365 * 86_400_000);
+    assert!(
+        counters.job > year && counters.worker > year && counters.token > year,
+        "{counters:?}"
+    );
 }
 
 #[tokio::test]

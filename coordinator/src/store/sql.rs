@@ -1,18 +1,22 @@
 //! What SQL databases share: queries, and how rows become records. Parameters are `?1`, `?2`, ...
 
+use super::sql_changes::raise_counter;
 use super::{Sequence, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{
     BlobName, Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord,
 };
 use async_trait::async_trait;
+use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::token::Usage;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeSet;
 use std::pin::Pin;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// A value of a column.
 #[derive(Clone, Debug, PartialEq)]
@@ -290,11 +294,60 @@ pub(super) async fn bundled_size(queries: &mut dyn Queries, blob: BlobHash) -> R
     one(ask(queries, sql, [hash(blob)]).await?)?.optional_integer()
 }
 
+/// Hashes of the files that bundles name.
+pub(super) async fn bundled_files(queries: &mut dyn Queries) -> Result<BTreeSet<BlobHash>, StoreError> {
+    let mut files = BTreeSet::new();
+    for mut row in ask(queries, "SELECT manifest FROM bundle", []).await? {
+        let manifest: BundleManifest = row.json()?;
+        files.extend(manifest.blobs().into_iter().map(|(blob, _)| blob));
+    }
+    Ok(files)
+}
+
 /// Names of the images of all nodes that count, of all jobs.
 pub(super) async fn live_images(queries: &mut dyn Queries) -> Result<Vec<BlobName>, StoreError> {
     let found = ask(queries, "SELECT record FROM node WHERE live = 1", []).await?;
     let image = |mut row: Row| Ok(row.json::<NodeRecord>()?.image());
     found.into_iter().map(image).collect()
+}
+
+/// Who the farm is. `mark` is something that a restored or copied database does not share with the one that it comes
+/// from; if it is another one than last time, a new epoch begins.
+///
+/// A backup does not know which numbers the farm has given since. So the numbers of jobs, workers and leases go on from
+/// the time in milliseconds, which is beyond all of them: a farm cannot have given one in each millisecond since 2020.
+pub(super) async fn identify(queries: &mut dyn Queries, mark: Option<String>) -> Result<FarmIdentity, StoreError> {
+    let found = ask(queries, "SELECT farm, epoch, mark FROM identity", []).await?.pop();
+    let Some(mut row) = found else {
+        let farm = format!("{:016x}{:016x}", getrandom::u64()?, getrandom::u64()?);
+        let insert = "INSERT INTO identity (farm, epoch, mark) VALUES (?1, 1, ?2)";
+        let insert = Statement::new(insert, [Value::Text(farm.clone()), text(&mark)]);
+        queries.execute(insert).await?;
+        return Ok(FarmIdentity { farm, epoch: 1 });
+    };
+    let (farm, epoch, known) = (row.text()?, row.integer()?, row.optional_text()?);
+    if known == mark {
+        return Ok(FarmIdentity { farm, epoch });
+    }
+    let (epoch, floor) = (epoch + 1, since_2020_ms());
+    for counter in ["job", "worker", "token"] {
+        queries.execute(raise_counter(counter, floor)?).await?;
+    }
+    let begin = "UPDATE identity SET epoch = ?1, mark = ?2";
+    queries
+        .execute(Statement::new(begin, [integer(epoch)?, text(&mark)]))
+        .await?;
+    tracing::warn!(
+        epoch,
+        "the farm was restored or copied: new jobs have numbers beyond {floor}, so that none is used twice"
+    );
+    Ok(FarmIdentity { farm, epoch })
+}
+
+fn since_2020_ms() -> u64 {
+    const BEGIN: Duration = Duration::from_secs(1_577_836_800);
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    since_1970.saturating_sub(BEGIN).as_millis() as u64
 }
 
 /// The farm's place in the order of commits.

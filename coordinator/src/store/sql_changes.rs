@@ -8,7 +8,7 @@ use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::node::NodeKey;
 
 /// A counter never falls.
-fn raise_counter(name: &str, value: u64) -> Result<Statement, StoreError> {
+pub(super) fn raise_counter(name: &str, value: u64) -> Result<Statement, StoreError> {
     let sql = "INSERT INTO counter (name, value) VALUES (?1, ?2)
         ON CONFLICT (name) DO UPDATE SET value = excluded.value WHERE counter.value < excluded.value";
     Ok(Statement::new(sql, [Value::Text(name.into()), integer(value)?]))

@@ -1,18 +1,25 @@
-//! State in a SQLite file: write-ahead log, synced at every commit, locked for one process.
+//! State in a SQLite file: write-ahead log, synced at every commit, for one process.
+//!
+//! A file beside it is locked for as long as it is open, so that nobody else serves the farm; others may read the
+//! database meanwhile, as a backup does. That file also tells whether the farm was restored or copied: whatever copies
+//! it cannot copy the time of its last change (`ctime`).
 
+use super::backup::Named;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
-use super::{Commit, Sequence, StateStore, StoreError, check_file};
+use super::{Commit, Sequence, StateStore, StoreError, check_file, not_writable};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Snapshot};
 use async_trait::async_trait;
 use futures_util::FutureExt;
+use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::token::Usage;
 use rusqlite::types::{ToSqlOutput, ValueRef};
-use rusqlite::{Connection, ErrorCode, ToSql, Transaction, TransactionBehavior, params_from_iter};
-use std::path::Path;
+use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, Transaction, TransactionBehavior, params_from_iter};
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -20,7 +27,7 @@ use std::time::Duration;
 const APPLICATION_ID: i32 = 0x5048_464d;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5];
 
 pub(super) const SCHEMA_1: &str = "
 CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
@@ -95,16 +102,30 @@ INSERT INTO failure (job, leaf, attempt) SELECT job, leaf, attempt FROM old_fail
 DROP TABLE old_failure;
 ";
 
+/// Which farm it is.
+const SCHEMA_5: &str = "CREATE TABLE identity (farm TEXT NOT NULL, epoch INTEGER NOT NULL, mark TEXT) STRICT;";
+
+/// Longest wait for others that have the database open, such as a backup that ends.
+const BUSY: Duration = Duration::from_secs(5);
+
 /// The state of a farm in one file.
 #[derive(Clone)]
 pub struct SqliteStore {
     /// None once closed.
-    connection: Arc<Mutex<Option<Connection>>>,
+    open: Arc<Mutex<Option<Open>>>,
+    identity: FarmIdentity,
+}
+
+/// An open database. The lock ends after the connection.
+struct Open {
+    connection: Connection,
+    _lock: File,
 }
 
 impl SqliteStore {
-    /// Opens or makes the file. It stays locked until the store is dropped or the process ends.
+    /// Opens or makes the file. It is this process's until the store is dropped or the process ends.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let lock = lock(path)?;
         let opened = |error: rusqlite::Error| match error.sqlite_error_code() {
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => StoreError::InUse(path.to_owned()),
             Some(ErrorCode::NotADatabase) => foreign(path, "not a database".into()),
@@ -114,10 +135,7 @@ impl SqliteStore {
         check_file(path)?;
         let (known, left_open) = (path.exists(), left_open(path));
         let mut connection = Connection::open(path).map_err(opened)?;
-        connection.busy_timeout(Duration::ZERO)?;
-        connection
-            .pragma_update(None, "locking_mode", "EXCLUSIVE")
-            .map_err(opened)?;
+        connection.busy_timeout(BUSY)?;
         connection.pragma_update(None, "journal_mode", "WAL").map_err(opened)?;
         connection.pragma_update(None, "synchronous", "FULL").map_err(opened)?;
         connection.pragma_update(None, "foreign_keys", true).map_err(opened)?;
@@ -135,19 +153,67 @@ impl SqliteStore {
             true => tracing::info!("{shown} was closed properly last time"),
             false => tracing::debug!("{shown} is new"),
         }
+        connection.execute_batch("BEGIN IMMEDIATE")?;
+        let mut queries = Ready(&mut connection);
+        let identity = at_once(Box::pin(sql::identify(&mut queries, mark(&lock))))?;
+        connection.execute_batch("COMMIT")?;
+        let open = Open {
+            connection,
+            _lock: lock,
+        };
         Ok(Self {
-            connection: Arc::new(Mutex::new(Some(connection))),
+            open: Arc::new(Mutex::new(Some(open))),
+            identity,
         })
+    }
+
+    /// Copies the database as it stands at one instant, whoever uses it. Returns what the copy names.
+    pub(super) fn copy(from: &Path, to: &Path) -> Result<Named, StoreError> {
+        let io = |source| StoreError::Io {
+            path: from.to_owned(),
+            source,
+        };
+        std::fs::metadata(from).map_err(io)?;
+        let fresh = to.with_extension("new");
+        let name = fresh
+            .to_str()
+            .ok_or_else(|| foreign(to, "its name is not UTF-8".into()))?;
+        let database = Connection::open_with_flags(from, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+        database.busy_timeout(BUSY)?;
+        let version: i32 = database.pragma_query_value(None, "user_version", |row| row.get(0))?;
+        if version as usize != MIGRATIONS.len() {
+            let reason = format!(
+                "schema {version}, this program has {}: start the farm with it first",
+                MIGRATIONS.len()
+            );
+            return Err(foreign(from, reason));
+        }
+        database.execute("VACUUM INTO ?1", [name])?;
+        drop(database);
+        let mut copy = Connection::open(&fresh)?;
+        let mut queries = Ready(&mut copy);
+        let named = Named {
+            files: at_once(Box::pin(sql::bundled_files(&mut queries)))?,
+            images: at_once(Box::pin(sql::live_images(&mut queries)))?,
+        };
+        drop(copy);
+        let sync = |path: &Path| File::open(path).and_then(|file| file.sync_all());
+        let folder = to.parent().filter(|folder| !folder.as_os_str().is_empty());
+        sync(&fresh)
+            .and_then(|()| std::fs::rename(&fresh, to))
+            .and_then(|()| sync(folder.unwrap_or(Path::new("."))))
+            .map_err(io)?;
+        Ok(named)
     }
 
     async fn with<T: Send + 'static>(
         &self,
         work: impl FnOnce(&mut Connection) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, StoreError> {
-        let connection = self.connection.clone();
+        let open = self.open.clone();
         let run = move || {
-            let mut connection = connection.lock().unwrap_or_else(PoisonError::into_inner);
-            work(connection.as_mut().ok_or(StoreError::Stopped)?)
+            let mut open = open.lock().unwrap_or_else(PoisonError::into_inner);
+            work(&mut open.as_mut().ok_or(StoreError::Stopped)?.connection)
         };
         tokio::task::spawn_blocking(run)
             .await
@@ -187,6 +253,34 @@ fn left_open(path: &Path) -> bool {
     let mut log = path.as_os_str().to_owned();
     log.push("-wal");
     Path::new(&log).metadata().is_ok_and(|log| log.len() > 0)
+}
+
+/// Locks the file beside the database for this process.
+fn lock(database: &Path) -> Result<File, StoreError> {
+    let mut path = database.as_os_str().to_owned();
+    path.push("-lock");
+    let path = PathBuf::from(path);
+    let file = File::options().create(true).truncate(false).write(true).open(&path);
+    let file = file.map_err(|error| not_writable(database, &error))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse(database.to_owned())),
+        Err(TryLockError::Error(source)) => Err(StoreError::Io { path, source }),
+    }
+}
+
+/// What a copy of the file does not share with it.
+#[cfg(unix)]
+fn mark(file: &File) -> Option<String> {
+    use std::os::unix::fs::MetadataExt;
+    let file = file.metadata().ok()?;
+    Some(format!("{} {}.{:09}", file.ino(), file.ctime(), file.ctime_nsec()))
+}
+
+/// Nothing is known that a copy would not share.
+#[cfg(not(unix))]
+fn mark(_: &File) -> Option<String> {
+    None
 }
 
 fn at_once<T>(answer: Answer<'_, T>) -> Result<T, StoreError> {
@@ -273,6 +367,10 @@ fn prepare_schema(transaction: &Transaction, path: &Path) -> Result<(), StoreErr
 
 #[async_trait]
 impl StateStore for SqliteStore {
+    fn identity(&self) -> FarmIdentity {
+        self.identity.clone()
+    }
+
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
         Ok((0, self.ask(|queries| Box::pin(sql::load(queries))).await?))
     }
@@ -290,8 +388,8 @@ impl StateStore for SqliteStore {
     }
 
     async fn close(&self) {
-        let connection = self.connection.clone();
-        let close = move || drop(connection.lock().unwrap_or_else(PoisonError::into_inner).take());
+        let open = self.open.clone();
+        let close = move || drop(open.lock().unwrap_or_else(PoisonError::into_inner).take());
         if tokio::task::spawn_blocking(close).await.is_err() {
             tracing::warn!("the database was not closed");
         }

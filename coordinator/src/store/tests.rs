@@ -483,6 +483,83 @@ async fn a_database_has_one_user() {
 }
 
 #[tokio::test]
+async fn a_file_that_was_restored_or_copied_begins_a_new_epoch_and_gives_no_number_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let [farm, saved, copied] = ["farm", "saved", "copied"].map(path);
+    for folder in [&farm, &copied] {
+        std::fs::create_dir(folder).unwrap();
+    }
+    let database = |folder: &Path| folder.join("farm.sqlite");
+    let store = SqliteStore::open(&database(&farm)).unwrap();
+    let first = store.identity();
+    store
+        .commit(0, vec![Change::JobSubmitted(head(1, None))])
+        .await
+        .unwrap();
+    let state = StatePlace::Sqlite(database(&farm));
+    let blobs = BlobPlace::Folder(farm.clone());
+    let backup = back_up(&state, &blobs, &saved).await.unwrap();
+    assert_eq!(backup, Backup::default(), "it was saved while it was open");
+    assert!(matches!(
+        back_up(&state, &blobs, &saved).await,
+        Err(BackupError::NotEmpty(_))
+    ));
+    store
+        .commit(0, vec![Change::JobSubmitted(head(2, None))])
+        .await
+        .unwrap();
+    drop(store);
+    assert_eq!(
+        SqliteStore::open(&database(&farm)).unwrap().identity(),
+        first,
+        "nothing happened to it"
+    );
+
+    // A copy of all files, with their times.
+    let status = std::process::Command::new("cp")
+        .arg("-a")
+        .arg(farm.join("."))
+        .arg(&copied)
+        .status();
+    assert!(status.unwrap().success());
+    for (folder, known) in [(&saved, 1), (&copied, 2)] {
+        let store = SqliteStore::open(&database(folder)).unwrap();
+        assert_eq!(
+            store.identity(),
+            FarmIdentity {
+                epoch: first.epoch + 1,
+                ..first.clone()
+            }
+        );
+        let snapshot = store.load().await.unwrap().1;
+        let (counters, year) = (snapshot.counters, 365 * 86_400_000);
+        assert_eq!(snapshot.jobs.len(), known);
+        assert!(
+            counters.job > year && counters.worker > year && counters.token > year,
+            "{counters:?}"
+        );
+    }
+    assert_eq!(
+        SqliteStore::open(&database(&farm)).unwrap().identity(),
+        first,
+        "others were copied"
+    );
+
+    // The saved files over those of the farm, which keep their places on the disk.
+    let status = std::process::Command::new("cp")
+        .arg("-a")
+        .arg(copied.join("."))
+        .arg(&farm)
+        .status();
+    assert!(status.unwrap().success());
+    assert_eq!(
+        SqliteStore::open(&database(&farm)).unwrap().identity().epoch,
+        first.epoch + 2
+    );
+}
+
+#[tokio::test]
 async fn foreign_and_newer_databases_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let refused = |name: &str, bytes: Option<&[u8]>, sql: &str| {

@@ -93,6 +93,22 @@ impl Postgres {
         self.run("psql", &["-q", "-X", "-v", "ON_ERROR_STOP=1", "-c", sql, url]);
     }
 
+    /// Saves a database by `pg_dump`, whoever uses it, and restores it as another one. Returns the URL of that.
+    ///
+    /// # Panics
+    /// Where the cluster does not answer.
+    #[must_use]
+    pub fn restored(&self, url: &str) -> String {
+        let copy = self.database();
+        let dump = self
+            .folder
+            .join(format!("{}.sql", self.databases.load(Ordering::Relaxed)));
+        let dump = dump.to_str().expect("a UTF-8 path");
+        self.run("pg_dump", &["-f", dump, url]);
+        self.run("psql", &["-q", "-X", "-v", "ON_ERROR_STOP=1", "-f", dump, &copy]);
+        copy
+    }
+
     /// Stops the cluster at once, as a crash would.
     ///
     /// # Panics
@@ -125,6 +141,23 @@ impl Postgres {
         let port = free.expect("a free port").port();
         self.start_with(&format!("-c ssl=on -c listen_addresses=127.0.0.1 -c port={port}"));
         port
+    }
+
+    /// Starts the cluster once more, so that it takes connections from other hosts at an address of this one. Returns the
+    /// URL of an empty database.
+    ///
+    /// # Panics
+    /// Where it does not start.
+    #[must_use]
+    pub fn listen(&self, address: &str) -> String {
+        self.stop();
+        let rules = self.folder.join("data/pg_hba.conf");
+        let known = fs::read_to_string(&rules).expect("the rules of access");
+        fs::write(&rules, known + "\nhost all all samenet trust\n").expect("the rules can be written");
+        self.start_with(&format!("-c listen_addresses={address}"));
+        let url = self.database();
+        let name = url.split(['/', '?']).nth(3).expect("the name of the database");
+        format!("postgres://{USER}@{address}/{name}")
     }
 
     /// Starts the cluster where it was stopped.

@@ -52,6 +52,18 @@ impl Stores {
         }
     }
 
+    /// A database at a URL, and a folder that all coordinators reach.
+    ///
+    /// # Panics
+    /// Where the folder has no UTF-8 name.
+    #[must_use]
+    pub fn database(url: &str, folder: &Path) -> Self {
+        Self {
+            state: url.to_owned(),
+            ..Self::folder(folder)
+        }
+    }
+
     /// Two hours pass for the images: those that nobody counted are old enough then for a coordinator to remove them.
     ///
     /// # Panics

@@ -70,6 +70,24 @@ impl Farm {
         Self::with(folder(), stores, &[Launch::default()], listen, &[])
     }
 
+    /// A farm of one coordinator on each of these hosts; clients and workers ask the last of them.
+    ///
+    /// # Panics
+    /// Where one does not start.
+    #[must_use]
+    pub fn across(hosts: &[Host], stores: &Stores) -> Self {
+        let start = |host: &Host| Server::start(host.launch(), stores, &format!("{}:7800", host.address()), &[]);
+        let servers: Vec<Server> = hosts.iter().map(start).collect();
+        Self {
+            client: Client::new(servers.last().expect("a host").url()),
+            servers,
+            workers: Vec::new(),
+            stores: stores.clone(),
+            jobs: Vec::new(),
+            folder: folder(),
+        }
+    }
+
     fn with(folder: TempDir, stores: &Stores, launches: &[Launch], listen: &str, more: &[&str]) -> Self {
         let start = |launch: &Launch| Server::start(launch.clone(), stores, listen, more);
         let servers: Vec<Server> = launches.iter().map(start).collect();

@@ -8,3 +8,4 @@ mod disk;
 mod hostile;
 mod kills;
 mod network;
+mod restore;

@@ -1,6 +1,7 @@
 //! Networks that cut, lose, delay, or pass one way only. Coordinator and workers are on hosts of their own.
 
 use photonfarm_proto::id::JobId;
+use photonfarm_test_servers::Postgres;
 use photonfarm_tests::farm::{Farm, Job, Network, Reference, Stores};
 use photonfarm_tests::processes::{photonfarm, wait_for};
 use std::sync::Arc;
@@ -113,6 +114,33 @@ fn a_host_that_vanishes_leaves_its_work_to_others() {
     });
 }
 
+/// The database's server hears nothing of the end: for it, the connections of the coordinator that leads live on, with the
+/// lock that says so.
+fn a_coordinator_whose_host_vanishes_holds_up_no_other() {
+    let network = Network::new(2);
+    network.centre.inside(|| {
+        let postgres = Postgres::start();
+        let (folder, url) = (
+            tempfile::tempdir().unwrap(),
+            postgres.listen(&network.centre.address().to_string()),
+        );
+        let made = photonfarm(&["token", "create", "boss", "--role", "admin", "--state", &url]);
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let token = String::from_utf8(made.stdout).unwrap();
+        let mut farm = Farm::across(&network.hosts, &Stores::database(&url, folder.path()));
+        farm.client = farm.client.clone().with_token(Some(token.trim()));
+        farm.hire(1);
+        let job = farm.submit(&job(40));
+        assert!(!farm.client.when_done(job, 5).state.ended());
+        network.cut(&network.hosts[0]);
+        farm.servers[0].kill();
+        // Only one that leads adds up images, without which no job ends.
+        farm.client.when(job, "the end", |job| job.state.ended());
+        farm.servers.remove(0);
+        let _logs = farm.settle();
+    });
+}
+
 fn lossy_and_slow_links_slow_a_job_and_no_more() {
     let network = Network::new(3);
     let [lossy, lossier, slow] = network.hosts.as_slice() else {
@@ -138,6 +166,7 @@ fn networks_fail_and_farms_go_on() {
         short_cuts_and_half_open_connections_cost_no_lease,
         a_cut_longer_than_a_lease_costs_the_lease_and_nothing_else,
         a_host_that_vanishes_leaves_its_work_to_others,
+        a_coordinator_whose_host_vanishes_holds_up_no_other,
         lossy_and_slow_links_slow_a_job_and_no_more,
     ];
     std::thread::scope(|scope| tests.iter().for_each(|test| drop(scope.spawn(test))));
