@@ -10,13 +10,12 @@ const HEAD: &str = "# Configuration\n\n\
     `RUST_LOG` chooses what the log tells.\n";
 
 /// Programs and subcommands.
-const COMMANDS: [(&str, &[&str]); 6] = [
+const COMMANDS: [(&str, &[&str]); 5] = [
     ("photonfarm", &["serve"]),
     ("photonfarm-worker", &[]),
     ("photonfarm", &["submit"]),
     ("photonfarm", &["render"]),
     ("photonfarm", &["token", "create"]),
-    ("photonfarm", &["backup"]),
 ];
 
 fn help(name: &str, arguments: &[&str]) -> String {
