@@ -13,7 +13,6 @@ use anyhow::{Context, Result, bail};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::{Config, Coordinator};
 use photonfarm_core::picture;
-use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_worker::{
     BundleFiles, CancellationToken, CoreScene, Credentials, LoadedScene, Renderer, Worker, WorkerConfig,
