@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 const RADIANCE: f64 = 2.0;
 
 /// Runs of each combination, of seeds of their own.
-const RUNS: u64 = 4;
+const RUNS: u64 = 2;
 
 /// Share by which the kernels' bias may miss the truth: what lies below the horizon of a query is missing, and at the rim of the
 /// plate the disc is bent.
