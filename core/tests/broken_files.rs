@@ -38,7 +38,7 @@ fn load(name: &str, bytes: Vec<u8>) -> Result<Scene, SceneError> {
     files
         .entry("main.xml".into())
         .or_insert_with(|| scene_with(name).into_bytes());
-    Scene::load(&files, "main.xml", &BTreeMap::new(), &small())
+    Scene::load(&files, "main.xml", &BTreeMap::new(), &small()).map_err(|faults| faults.first().clone())
 }
 
 fn image_of(format: ImageFormat) -> Vec<u8> {

@@ -1,6 +1,6 @@
 //! A corpus of broken scenes: each gives the error that names what is wrong, with its file and line.
 
-use photonfarm_core::scene::{Limits, Scene, SceneError};
+use photonfarm_core::scene::{Limits, Scene, SceneError, SceneFaults};
 use std::collections::BTreeMap;
 
 type Files = BTreeMap<String, Vec<u8>>;
@@ -23,7 +23,13 @@ fn files(main: &str, others: &[(&str, &[u8])]) -> Files {
 }
 
 fn load(files: &Files, limits: &Limits) -> Result<Scene, SceneError> {
-    Scene::load(files, "main.xml", &BTreeMap::new(), limits)
+    Scene::load(files, "main.xml", &BTreeMap::new(), limits).map_err(only)
+}
+
+/// The fault of a scene that has one: nothing that follows from it is told as well.
+fn only(faults: SceneFaults) -> SceneError {
+    assert_eq!(faults.all().len(), 1, "{faults}");
+    faults.first().clone()
 }
 
 /// The name of the error's variant.
@@ -214,7 +220,7 @@ fn broken_documents_are_refused() {
             "unknown root element `bsdf`",
             "<?xml version='1.0'?>\n<bsdf type='null' version='3.0.0'/>",
         ),
-        ("Missing", 1, "a <sensor>", "<scene version='3.0.0'/>"),
+        ("Missing", 1, "a <shape>", "<scene version='3.0.0'/>"),
         (
             "Missing",
             1,
@@ -263,7 +269,7 @@ fn definitions_must_name_a_parameter_of_the_scene() {
     );
     let with = |name: &str, value: &str| {
         let defines = BTreeMap::from([(name.to_owned(), value.to_owned())]);
-        Scene::load(&files(&main, &[]), "main.xml", &defines, &Limits::default())
+        Scene::load(&files(&main, &[]), "main.xml", &defines, &Limits::default()).map_err(only)
     };
     assert!(with("radius", "2").is_ok());
     assert_error(
@@ -271,7 +277,7 @@ fn definitions_must_name_a_parameter_of_the_scene() {
         "Unknown",
         "main.xml",
         0,
-        "unknown parameter `radios`; allowed: radius",
+        "unknown parameter `radios`; did you mean `radius`? allowed: radius",
         "-D",
     );
     assert_error(with("radius", "x"), "Value", "main.xml", 6, "`x` is not a number", "-D");

@@ -19,6 +19,9 @@ pub struct JobSpec {
     /// Values for the scene's `<default>` elements.
     #[serde(default)]
     pub defines: BTreeMap<String, String>,
+    /// The sensor to see the scene through: its id, or its number from 1; the first one by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
     /// The integrator with its settings; `type` is `path`, `pppm`, `sppm` or `pcf`. Settings that are left out are those of the
     /// scene, or else the defaults with the scene's `max_depth`.
     #[schema(value_type = Object, example = json!({"type": "pppm", "photons": 200000}))]

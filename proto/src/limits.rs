@@ -149,6 +149,15 @@ impl Limits {
                 self.define_bytes,
             )?;
         }
+        if let Some(sensor) = &spec.sensor {
+            let bytes = sensor.len() as u64;
+            within(
+                "the length of the sensor's name in bytes",
+                bytes,
+                "define_bytes",
+                self.define_bytes,
+            )?;
+        }
         spec.schedule.check()
     }
 
@@ -210,6 +219,7 @@ mod tests {
             scene: BlobHash::of(b""),
             main: "scene.xml".into(),
             defines: Default::default(),
+            sensor: None,
             integrator: IntegratorSettings::Path(PathSettings::default()).into(),
             iterations: 4,
             seed: 0,
@@ -282,6 +292,7 @@ mod tests {
         assert!(refused(&|s| s.iterations = 0).contains("iterations"));
         assert!(refused(&|s| s.main = "other.xml".into()).contains("other.xml"));
         assert!(refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes"));
+        assert!(refused(&|s| s.sensor = Some("abcde".into())).contains("define_bytes"));
     }
 
     #[test]

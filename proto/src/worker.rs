@@ -349,6 +349,7 @@ mod tests {
             scene: BlobHash::of(b"scene"),
             main: "scene.xml".into(),
             defines: [("depth".to_owned(), "8".to_owned())].into(),
+            sensor: Some("left".into()),
             integrator: IntegratorSettings::Pcf(PcfSettings::default()).into(),
             iterations: 64,
             seed: u64::MAX,

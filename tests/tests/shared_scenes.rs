@@ -1,6 +1,6 @@
 //! Scenes made by others load unchanged. Their folder is not part of the project: `PHOTONFARM_SCENES` names it.
 
-use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneError, SceneFiles, SceneFolder};
+use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFaults, SceneFiles, SceneFolder};
 use photonfarm_core::settings::IntegratorSettings;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ const SCENES: [(&str, &str, usize, [u32; 2], u32); 6] = [
     ("torus", "scene.xml", 5, [1024, 768], 33),
 ];
 
-fn load(files: &dyn SceneFiles, main: &str) -> Result<Scene, SceneError> {
+fn load(files: &dyn SceneFiles, main: &str) -> Result<Scene, SceneFaults> {
     Scene::load(files, main, &BTreeMap::new(), &Limits::default())
 }
 

@@ -118,7 +118,9 @@ fn read(path: &Path, limit: u64) -> Result<Vec<u8>, CredentialsError> {
 
 fn read_token(path: &Path) -> Result<String, CredentialsError> {
     let bytes = read(path, TOKEN_BYTES)?;
-    String::from_utf8(bytes).map_err(|_| CredentialsError::Token(path.display().to_string()))
+    // Editors of some systems begin a text with a byte order mark.
+    let text = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
+    String::from_utf8(text.to_vec()).map_err(|_| CredentialsError::Token(path.display().to_string()))
 }
 
 fn read_authority(path: &Path) -> Result<Vec<Certificate>, CredentialsError> {
@@ -138,11 +140,13 @@ mod tests {
     fn a_token_is_read_from_its_file_and_never_shown() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
-        std::fs::write(&path, "phf_0123abcd\n").unwrap();
-        let credentials = Credentials::load(Some(&path), None).unwrap();
-        let request = credentials.sign(reqwest::Client::new().get("http://127.0.0.1:1/"));
-        assert_eq!(request.build().unwrap().headers()[AUTHORIZATION], "Bearer phf_0123abcd");
-        assert!(!format!("{credentials:?}").contains("0123abcd"));
+        for text in ["phf_0123abcd\n", "\u{feff}phf_0123abcd\r\n"] {
+            std::fs::write(&path, text).unwrap();
+            let credentials = Credentials::load(Some(&path), None).unwrap();
+            let request = credentials.sign(reqwest::Client::new().get("http://127.0.0.1:1/"));
+            assert_eq!(request.build().unwrap().headers()[AUTHORIZATION], "Bearer phf_0123abcd");
+            assert!(!format!("{credentials:?}").contains("0123abcd"));
+        }
     }
 
     #[test]

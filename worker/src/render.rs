@@ -4,19 +4,13 @@ use crate::cache::{BundleFiles, FileError};
 use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
 use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles, Wishes};
 use photonfarm_core::settings::IntegratorSettings;
-use photonfarm_proto::job::BandwidthRange;
-use std::collections::BTreeMap;
+use photonfarm_proto::job::{BandwidthRange, JobSpec};
 use std::sync::Arc;
 
 /// Makes scenes ready. Tests put something else in the place of the core.
 pub trait Renderer: Send + Sync + 'static {
-    /// Reads a scene. The error is for people: file, line, and what is wrong.
-    fn load(
-        &self,
-        files: &BundleFiles,
-        main: &str,
-        defines: &BTreeMap<String, String>,
-    ) -> Result<Arc<dyn LoadedScene>, String>;
+    /// Reads the scene of a job. The error is for people: file, line, and what is wrong.
+    fn load(&self, files: &BundleFiles, spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String>;
 }
 
 /// A scene ready to be rendered.
@@ -43,14 +37,10 @@ pub trait LoadedScene: Send + Sync {
 pub struct CoreRenderer;
 
 impl Renderer for CoreRenderer {
-    fn load(
-        &self,
-        files: &BundleFiles,
-        main: &str,
-        defines: &BTreeMap<String, String>,
-    ) -> Result<Arc<dyn LoadedScene>, String> {
-        let scene = Scene::load(files, main, defines, &Limits::default()).map_err(|error| error.to_string())?;
-        Ok(Arc::new(CoreScene(scene)))
+    fn load(&self, files: &BundleFiles, spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String> {
+        let limits = Limits::default();
+        let scene = Scene::load_sensor(files, &spec.main, &spec.defines, spec.sensor.as_deref(), &limits);
+        Ok(Arc::new(CoreScene(scene.map_err(|error| error.to_string())?)))
     }
 }
 

@@ -124,7 +124,7 @@ pub struct Worker {
 }
 
 /// What makes two jobs share a loaded scene.
-type SceneKey = (BlobHash, String, BTreeMap<String, String>);
+type SceneKey = (BlobHash, String, BTreeMap<String, String>, Option<String>);
 
 /// The coordinator's terms, as of the last registration.
 #[derive(Clone, Copy)]
@@ -453,7 +453,7 @@ impl Worker {
 
     /// The scene of a job, loaded before or now.
     async fn load(&mut self, spec: &JobSpec, drain: &CancellationToken) -> Result<Arc<dyn LoadedScene>, LoadError> {
-        let key = (spec.scene, spec.main.clone(), spec.defines.clone());
+        let key = (spec.scene, spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
         if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
             return Ok(scene.clone());
         }
@@ -462,9 +462,9 @@ impl Worker {
         for _ in 0..LOADS {
             let files = self.cache.fetch(&self.client, manifest.clone()).await?;
             let (renderer, pool) = (self.config.renderer.clone(), self.pool.clone());
-            let (read, main, defines) = (files.clone(), spec.main.clone(), spec.defines.clone());
+            let (read, spec) = (files.clone(), spec.clone());
             let load = move || {
-                let load = || pool.install(|| renderer.load(&read, &main, &defines));
+                let load = || pool.install(|| renderer.load(&read, &spec));
                 catch_unwind(AssertUnwindSafe(load)).map_err(|panic| panic_message(&*panic).to_owned())
             };
             match tokio::task::spawn_blocking(load).await {

@@ -409,6 +409,9 @@ pub(crate) struct JobArgs {
     /// Give a value to a <default> parameter of the scene (repeatable)
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = pair)]
     pub(crate) define: Vec<(String, String)>,
+    /// Sensor to see the scene through, by its id or its number from 1 [default: the first]
+    #[arg(long, value_name = "N|ID")]
+    pub(crate) sensor: Option<String>,
     #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = SET_HELP)]
     pub(crate) set: Vec<(String, String)>,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters

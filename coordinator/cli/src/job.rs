@@ -2,7 +2,7 @@
 
 use crate::args::{JobArgs, unique};
 use crate::repeat::OldPicture;
-use crate::settings;
+use crate::{say, settings};
 use anyhow::{Context, Result, anyhow};
 use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
@@ -37,11 +37,19 @@ impl PreparedJob {
         let context = || format!("cannot load the scene {}", args.scene.display());
         let files = SceneFolder::new(folder).with_context(context)?;
         let recorded = RecordedFiles::new(&files);
-        let scene = Scene::load(&recorded, main, &defines, &Limits::default()).with_context(context)?;
+        let sensor = match &old {
+            Some(old) => old.metadata.sensor.clone(),
+            None => args.sensor.clone(),
+        };
+        let limits = Limits::default();
+        let scene = Scene::load_sensor(&recorded, main, &defines, sensor.as_deref(), &limits).with_context(context)?;
         let integrator = match &old {
             Some(old) => old.metadata.integrator.clone(),
             None => settings::integrator(args.integrator, &scene.wishes, &set)?,
         };
+        for warning in scene.warnings.iter().chain(&scene.hints(&integrator)) {
+            say::tell(format_args!("warning: {warning}"));
+        }
         let iterations = match (&old, args.iterations) {
             (Some(old), _) => old.iterations()?,
             (None, Some(iterations)) => iterations.get(),
@@ -61,6 +69,7 @@ impl PreparedJob {
             scene: manifest.hash(),
             main: main.to_owned(),
             defines,
+            sensor,
             integrator: integrator.into(),
             iterations,
             seed: old.map_or(args.seed, |old| old.metadata.seed),

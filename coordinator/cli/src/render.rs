@@ -17,7 +17,6 @@ use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_worker::{
     BundleFiles, CancellationToken, CoreScene, Credentials, LoadedScene, Renderer, Worker, WorkerConfig,
 };
-use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::Arc;
@@ -43,13 +42,8 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let runtime = tokio::runtime::Runtime::new()?;
     let threads = args.threads.map_or_else(default_threads, NonZeroUsize::get);
     let interrupt = tokio::signal::ctrl_c();
-    let result = runtime.block_on(render(
-        &job,
-        Arc::new(CoreScene(scene)),
-        farm.path(),
-        threads,
-        interrupt,
-    ));
+    let scene = Arc::new(CoreScene(scene));
+    let result = runtime.block_on(render(&job, scene.clone(), farm.path(), threads, interrupt));
     // An iteration that was interrupted need not come to its end.
     runtime.shutdown_background();
     let rendered = match result? {
@@ -59,6 +53,7 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     output.write(&rendered.exr, &rendered.png)?;
     farm.remove()?;
     say::tell(format_args!("{}: {}", output.names(), submit::in_words(&rendered.exr)?));
+    submit::tell_if_black(&rendered.exr, Some(&scene.0))?;
     if let Some(stats) = stats {
         let wall_seconds = started.elapsed().as_secs_f64();
         stats.write(&Stats::new(&rendered.status, threads, wall_seconds, load_seconds).to_json()?)?;
@@ -201,12 +196,7 @@ async fn fetch(client: &Client, status: JobStatus) -> Result<Rendered> {
 struct Ready(Arc<dyn LoadedScene>);
 
 impl Renderer for Ready {
-    fn load(
-        &self,
-        _files: &BundleFiles,
-        _main: &str,
-        _defines: &BTreeMap<String, String>,
-    ) -> Result<Arc<dyn LoadedScene>, String> {
+    fn load(&self, _files: &BundleFiles, _spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String> {
         Ok(self.0.clone())
     }
 }

@@ -9,6 +9,7 @@ use crate::say;
 use crate::steer_args::WaitArgs;
 use anyhow::{Context, Result, bail};
 use photonfarm_core::picture;
+use photonfarm_core::scene::Scene;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
 use std::path::Path;
@@ -21,7 +22,7 @@ pub(crate) fn run(args: SubmitArgs) -> Result<()> {
 async fn submit(args: SubmitArgs) -> Result<()> {
     let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
     let client = Client::new(&args.coordinator, args.credentials.load()?)?;
-    let (mut job, _) = PreparedJob::new(&args.job)?;
+    let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule = args.schedule.schedule()?;
     job.key = args.key.unwrap_or(job.key);
     client.connect().await?;
@@ -38,7 +39,7 @@ async fn submit(args: SubmitArgs) -> Result<()> {
     }
     let again = again(id, &args.coordinator, args.output.as_deref());
     say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
-    await_picture(&client, &asked, output, &again).await
+    await_picture(&client, &asked, output, Some(&scene), &again).await
 }
 
 /// Runs the command `wait`.
@@ -49,7 +50,7 @@ pub(crate) fn wait(args: WaitArgs) -> Result<()> {
         client.connect().await?;
         let asked = client.status(args.job).await?;
         let again = again(args.job, &args.farm.coordinator, args.output.as_deref());
-        await_picture(&client, &asked, output, &again).await
+        await_picture(&client, &asked, output, None, &again).await
     })
 }
 
@@ -73,7 +74,13 @@ fn quoted(text: &str) -> String {
 }
 
 /// Waits for a job and writes its picture; `again` is the command that does so.
-async fn await_picture(client: &Client, asked: &JobStatus, output: Option<PictureFiles>, again: &str) -> Result<()> {
+async fn await_picture(
+    client: &Client,
+    asked: &JobStatus,
+    output: Option<PictureFiles>,
+    scene: Option<&Scene>,
+    again: &str,
+) -> Result<()> {
     let id = asked.id;
     let status = tokio::select! {
         status = follow(client, asked) => status?,
@@ -84,7 +91,7 @@ async fn await_picture(client: &Client, asked: &JobStatus, output: Option<Pictur
         }
     };
     match output {
-        Some(output) => fetch(client, &status, &output).await,
+        Some(output) => fetch(client, &status, &output, scene).await,
         None => Ok(()),
     }
 }
@@ -124,13 +131,25 @@ pub(crate) async fn follow(client: &Client, asked: &JobStatus) -> Result<JobStat
 }
 
 /// Writes the picture of a finished job.
-async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles) -> Result<()> {
+async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene: Option<&Scene>) -> Result<()> {
     let exr = client.image(status.id, "exr").await?;
     let png = client.image(status.id, "png").await?;
     // The farm may have been restored between the job's end and now.
     check_same(status, &client.status(status.id).await?)?;
     output.write(&exr, &png)?;
     say::tell(format_args!("{}: {}", output.names(), in_words(&exr)?));
+    tell_if_black(&exr, scene)
+}
+
+/// Says of a black picture that it is, and why if the scene is at hand.
+pub(crate) fn tell_if_black(exr: &[u8], scene: Option<&Scene>) -> Result<()> {
+    let picture = picture::decode_exr(exr, usize::MAX)?;
+    if picture.pixels.iter().all(|pixel| pixel.is_black()) {
+        let why = scene.zip(picture.metadata).map_or(String::new(), |(scene, metadata)| {
+            format!(": {}", scene.why_black(&metadata.integrator))
+        });
+        say::tell(format_args!("warning: the picture is black{why}"));
+    }
     Ok(())
 }
 

@@ -120,6 +120,7 @@ fn metadata(job: &Job) -> PictureMetadata {
         scene_hash: spec.scene.to_string(),
         main: spec.main.clone(),
         defines: spec.defines.clone(),
+        sensor: spec.sensor.clone(),
         integrator: integrator.clone(),
         seed: spec.seed,
         iterations: job.done(),

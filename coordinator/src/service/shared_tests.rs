@@ -36,6 +36,7 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         scene: bundle.unwrap().bundle,
         main: "scene.xml".into(),
         defines: Default::default(),
+        sensor: None,
         integrator: IntegratorSettings::Path(PathSettings::default()).into(),
         iterations,
         seed: 0,

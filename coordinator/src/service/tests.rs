@@ -83,6 +83,7 @@ impl World {
             scene: bundle,
             main: "scene.xml".into(),
             defines: Default::default(),
+            sensor: None,
             integrator: IntegratorSettings::Path(PathSettings::default()).into(),
             iterations,
             seed: 0,

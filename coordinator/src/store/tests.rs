@@ -20,6 +20,7 @@ fn spec() -> JobSpec {
         scene: BlobHash::of(b"bundle"),
         main: "scene.xml".into(),
         defines: [("a".to_owned(), "b".to_owned())].into(),
+        sensor: None,
         integrator: IntegratorSettings::Pppm(PppmSettings::default()).into(),
         iterations: 9,
         seed: u64::MAX,

@@ -21,6 +21,9 @@ pub struct PictureMetadata {
     pub main: String,
     /// Values given to the scene's `<default>`s, by name.
     pub defines: BTreeMap<String, String>,
+    /// The sensor that was chosen, where one was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
     /// The integrator and its settings.
     pub integrator: IntegratorSettings,
     /// Seed of the job.

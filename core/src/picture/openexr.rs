@@ -239,6 +239,7 @@ mod tests {
             version: "1.2.3".into(),
             renderer: "1.2.3+0f".into(),
             scene_hash: "ab12".into(),
+            sensor: None,
             main: "room.xml".into(),
             defines: [("größe".into(), "2 \u{1F4A1} \"quoted\"".into())].into(),
             integrator: IntegratorSettings::Pcf(PcfSettings {

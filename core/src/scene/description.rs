@@ -1,15 +1,41 @@
 //! The scene as written: untrusted, only checked for its form.
 
-use super::error::Place;
+use super::error::{Place, SceneError};
+use super::faults::Faults;
 use crate::math::Transform;
 use glam::DVec3;
+use std::cell::Cell;
 use std::collections::BTreeMap;
+use std::rc::Rc;
 use std::sync::Arc;
 
 /// A scene file with all that it includes. Object 0 is the `<scene>`.
 #[derive(Debug)]
 pub(crate) struct Description {
     pub(crate) objects: Vec<Object>,
+    /// Objects by id.
+    pub(crate) ids: BTreeMap<String, ObjectId>,
+    /// What is wrong with the scene.
+    pub(crate) faults: Rc<Faults>,
+}
+
+impl Description {
+    /// The result of reading an object. A fault is noted, and the object counts as left out.
+    ///
+    /// # Errors
+    /// A fault that ends the reading.
+    pub(crate) fn attempt<T>(&self, object: ObjectId, result: Result<T, SceneError>) -> Result<Option<T>, SceneError> {
+        let fault = match result {
+            Ok(value) => return Ok(Some(value)),
+            Err(fault) => fault,
+        };
+        // What is missing or does not fit together may follow from a fault that was told.
+        let follows = matches!(fault, SceneError::Missing { .. } | SceneError::Value { .. });
+        if !(self.objects[object].faulty.replace(true) && follows) {
+            self.faults.note(fault)?;
+        }
+        Ok(None)
+    }
 }
 
 /// Index into [`Description::objects`].
@@ -27,6 +53,8 @@ pub(crate) struct Object {
     /// Values by normalised name.
     pub(crate) properties: BTreeMap<String, Property>,
     pub(crate) children: Vec<Child>,
+    /// Whether a fault of it was noted; what follows from that is not told.
+    pub(crate) faulty: Cell<bool>,
 }
 
 /// A value with its place.

@@ -87,7 +87,10 @@ pub enum SceneError {
         reason: String,
     },
     /// An element, attribute, property, plugin or parameter that does not exist.
-    #[error("{place}: {context}: unknown {what} `{name}`; allowed: {allowed}")]
+    #[error(
+        "{place}: {context}: unknown {what} `{name}`;{} allowed: {allowed}",
+        did_you_mean(name, allowed)
+    )]
     Unknown {
         /// Where.
         place: Place,
@@ -192,6 +195,27 @@ impl SceneError {
         Some(self.place().line).filter(|line| *line > 0)
     }
 
+    pub(crate) fn unknown<'a>(
+        place: &Place,
+        context: impl Into<String>,
+        what: &'static str,
+        name: &str,
+        allowed: impl IntoIterator<Item = &'a str>,
+    ) -> Self {
+        let allowed: Vec<&str> = allowed.into_iter().collect();
+        Self::Unknown {
+            place: place.clone(),
+            context: context.into(),
+            what,
+            name: shortened(name),
+            allowed: if allowed.is_empty() {
+                "none".into()
+            } else {
+                allowed.join(", ")
+            },
+        }
+    }
+
     pub(crate) fn value(place: &Place, field: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::Value {
             place: place.clone(),
@@ -220,6 +244,37 @@ impl SceneError {
     }
 }
 
+/// Text for a message: the first 40 characters.
+pub(crate) fn shortened(text: &str) -> String {
+    match text.char_indices().nth(40) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// A question for messages where `name` looks like one of the list `allowed`, or nothing.
+fn did_you_mean(name: &str, allowed: &str) -> String {
+    nearest(name, allowed.split(", ")).map_or(String::new(), |name| format!(" did you mean `{name}`?"))
+}
+
+/// The longest name that is compared with others [characters].
+const LONGEST_COMPARED: usize = 64;
+
+/// The one of `allowed` that `name` may be a misspelling of: at most a third of its characters differ, in any case.
+pub(crate) fn nearest<'a>(name: &str, allowed: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let plain = |text: &str| text.to_lowercase().replace('_', "");
+    let (length, name) = (name.chars().count(), plain(name));
+    if length > LONGEST_COMPARED {
+        return None;
+    }
+    let short = allowed
+        .into_iter()
+        .filter(|other| other.chars().count() <= LONGEST_COMPARED);
+    let distances = short.map(|other| (strsim::damerau_levenshtein(&name, &plain(other)), other));
+    let (distance, other) = distances.min_by_key(|(distance, _)| *distance)?;
+    (distance <= (length / 3).max(1) && distance < length).then_some(other)
+}
+
 /// `value` if it is at most `limit`, and otherwise the error that names both.
 pub(crate) fn within(place: &Place, what: &str, value: u64, limit: u64) -> Result<u64, SceneError> {
     if value > limit {
@@ -231,4 +286,26 @@ pub(crate) fn within(place: &Place, what: &str, value: u64, limit: u64) -> Resul
         });
     }
     Ok(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misspelt_names_have_a_nearest_one() {
+        let allowed = ["radius", "center", "to_world", "k", "eta"];
+        for (name, expected) in [
+            ("radios", Some("radius")),
+            ("centre", Some("center")),
+            ("toWorld", Some("to_world")),
+            ("ToWrold", Some("to_world")),
+            ("colour", None),
+            ("x", None),
+            ("", None),
+        ] {
+            assert_eq!(nearest(name, allowed), expected, "{name}");
+        }
+        assert_eq!(nearest(&"radius".repeat(20), allowed), None);
+    }
 }

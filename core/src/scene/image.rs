@@ -10,6 +10,8 @@ use std::io::Cursor;
 
 /// The most channels that an OpenEXR layer may have.
 const CHANNELS: usize = 64;
+/// How OpenEXR files begin.
+const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
 /// Pixels in linear colour, row by row from the top left. All are finite and none is negative.
 #[derive(Debug)]
@@ -17,6 +19,11 @@ pub(crate) struct LinearImage {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) texels: Vec<Spectrum>,
+}
+
+/// Whether an image holds integers, which are sRGB values as a rule, and not linear floats.
+pub(crate) fn is_encoded(bytes: &[u8]) -> bool {
+    !bytes.starts_with(&EXR) && !bytes.starts_with(b"#?")
 }
 
 /// Decodes an image of at most `texel_limit` texels. `raw`: 8- and 16-bit values are linear already, not sRGB.
@@ -28,7 +35,7 @@ pub(crate) fn read(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<Lin
         }
         within(&place, "number of texels", width.saturating_mul(height), texel_limit).map(|_| ())
     };
-    let image = if file.bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
+    let image = if file.bytes.starts_with(&EXR) {
         read_exr(file, &place, check_size)?
     } else {
         read_other(file, &place, raw, texel_limit, check_size)?

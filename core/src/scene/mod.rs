@@ -3,22 +3,30 @@
 //! Files come through [`SceneFiles`]; `xml` reads them into a `Description`, in which every value has its type and its
 //! place; `build` turns that into a [`Scene`]. What was written and never asked for is an error, as in Mitsuba.
 
+mod black;
 mod build;
 mod description;
 mod error;
+mod faults;
 mod files;
 mod image;
+mod lamps;
 mod limits;
 mod loader;
 mod mesh;
 mod reader;
 mod spectrum;
+#[cfg(test)]
+mod tests;
 mod text;
+mod warning;
 mod xml;
 
 pub use error::{Place, SceneError};
+pub use faults::SceneFaults;
 pub use files::{RecordedFiles, SceneFiles, SceneFolder, normalise};
 pub use limits::Limits;
+pub use warning::SceneWarning;
 
 use crate::film::FilmSettings;
 use crate::geometry::{Geometry, ShapeId, SurfacePoint};
@@ -27,6 +35,7 @@ use crate::material::Material;
 use crate::sensor::Sensor;
 use crate::settings::IntegratorSettings;
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// A renderable scene: validated and built. Nothing in it can make rendering fail.
 #[derive(Debug)]
@@ -45,6 +54,10 @@ pub struct Scene {
     pub film: FilmSettings,
     /// What the scene file asks for.
     pub wishes: Wishes,
+    /// What is probably not meant, in the order in which it was found.
+    pub warnings: Vec<SceneWarning>,
+    /// The place of the first light that a random direction hardly ever finds.
+    small_lamp: Option<Place>,
 }
 
 /// What a shape is made of.
@@ -68,19 +81,36 @@ pub struct Wishes {
 }
 
 impl Scene {
-    /// Loads the scene file `main`. `defines` set its parameters in place of their `<default>`s.
+    /// Loads the scene file `main`, seen through its first sensor. `defines` set its parameters in place of their `<default>`s.
     ///
     /// # Errors
-    /// Anything wrong with the scene or its files, with its place; see [`SceneError`].
+    /// All that is wrong with the scene and its files, with its places; see [`SceneError`].
     pub fn load(
         files: &dyn SceneFiles,
         main: &str,
         defines: &BTreeMap<String, String>,
         limits: &Limits,
-    ) -> Result<Self, SceneError> {
+    ) -> Result<Self, SceneFaults> {
+        Self::load_sensor(files, main, defines, None, limits)
+    }
+
+    /// As [`Scene::load`], seen through the sensor that `sensor` names: by its id, or by its number from 1 in the order of the
+    /// file.
+    ///
+    /// # Errors
+    /// As [`Scene::load`]; also where there is no such sensor.
+    pub fn load_sensor(
+        files: &dyn SceneFiles,
+        main: &str,
+        defines: &BTreeMap<String, String>,
+        sensor: Option<&str>,
+        limits: &Limits,
+    ) -> Result<Self, SceneFaults> {
         let mut loader = loader::Loader::new(files, limits);
-        let description = xml::read(&mut loader, main, defines)?;
-        build::build(&description, &mut loader)
+        let faults = Rc::new(faults::Faults::default());
+        let scene = xml::read(&mut loader, main, defines, &faults)
+            .and_then(|description| build::build(&description, &mut loader, sensor));
+        faults.settle(scene)
     }
 
     /// The material at a point.

@@ -1,7 +1,7 @@
 //! Typed access to a described object that notices what was never asked for.
 
 use super::description::{Child, Description, Kind, Object, ObjectId, Property, SpectrumValue, Value};
-use super::error::{Place, SceneError};
+use super::error::{Place, SceneError, nearest, shortened};
 use crate::math::Transform;
 use glam::DVec3;
 use std::cell::RefCell;
@@ -50,6 +50,20 @@ impl<'d> Reader<'d> {
         self.object.properties.get(name)
     }
 
+    /// Notes a fault of the object, which counts as not written; reading goes on.
+    ///
+    /// # Errors
+    /// A fault that ends the reading.
+    pub(crate) fn fault(&self, fault: SceneError) -> Result<(), SceneError> {
+        self.object.faulty.set(true);
+        self.description.faults.note(fault)
+    }
+
+    /// As [`Reader::fault`], for the value of a property.
+    fn left_out<T>(&self, fault: SceneError) -> Result<Option<T>, SceneError> {
+        self.fault(fault).map(|()| None)
+    }
+
     /// An error about the property `name`, at its place or else at the object's.
     pub(crate) fn wrong(&self, name: &str, reason: impl Into<String>) -> SceneError {
         let place = self
@@ -80,13 +94,14 @@ impl<'d> Reader<'d> {
 
     /// The error for a plugin type that does not exist.
     pub(crate) fn unknown_type(&self, allowed: &[&str]) -> SceneError {
-        SceneError::Unknown {
-            place: self.place().clone(),
-            context: format!("<{}>", self.object.kind.element()),
-            what: "type",
-            name: self.object.plugin.clone(),
-            allowed: allowed.join(", "),
-        }
+        let context = format!("<{}>", self.object.kind.element());
+        SceneError::unknown(
+            self.place(),
+            context,
+            "type",
+            &self.object.plugin,
+            allowed.iter().copied(),
+        )
     }
 
     fn mismatch(&self, name: &str, property: &Property, expected: &str) -> SceneError {
@@ -107,10 +122,11 @@ impl<'d> Reader<'d> {
         let value = match property.value {
             Value::Float(value) => value,
             Value::Integer(value) => value as f64,
-            _ => return Err(self.mismatch(name, property, "float")),
+            _ => return self.left_out(self.mismatch(name, property, "float")),
         };
         if !range.contains(&value) {
-            return Err(self.wrong(name, format!("{value} is out of range; allowed: {}", describe(&range))));
+            let reason = format!("{value} is out of range; allowed: {}", describe(&range));
+            return self.left_out(self.wrong(name, reason));
         }
         Ok(Some(value))
     }
@@ -124,11 +140,11 @@ impl<'d> Reader<'d> {
             return Ok(None);
         };
         let Value::Integer(value) = property.value else {
-            return Err(self.mismatch(name, property, "integer"));
+            return self.left_out(self.mismatch(name, property, "integer"));
         };
         if !range.contains(&value) {
             let allowed = format!("{} to {}", range.start(), range.end());
-            return Err(self.wrong(name, format!("{value} is out of range; allowed: {allowed}")));
+            return self.left_out(self.wrong(name, format!("{value} is out of range; allowed: {allowed}")));
         }
         Ok(Some(value))
     }
@@ -140,7 +156,7 @@ impl<'d> Reader<'d> {
                 value: Value::Boolean(value),
                 ..
             }) => Ok(*value),
-            Some(property) => Err(self.mismatch(name, property, "boolean")),
+            Some(property) => self.fault(self.mismatch(name, property, "boolean")).map(|()| default),
         }
     }
 
@@ -151,7 +167,7 @@ impl<'d> Reader<'d> {
                 value: Value::String(value),
                 ..
             }) => Ok(Some(value)),
-            Some(property) => Err(self.mismatch(name, property, "string")),
+            Some(property) => self.left_out(self.mismatch(name, property, "string")),
         }
     }
 
@@ -161,11 +177,26 @@ impl<'d> Reader<'d> {
             return Ok(default);
         };
         let lower = text.to_ascii_lowercase();
-        let found = choices.iter().find(|(choice, _)| *choice == lower);
-        found.map(|(_, value)| *value).ok_or_else(|| {
-            let allowed: Vec<&str> = choices.iter().map(|(choice, _)| *choice).collect();
-            self.wrong(name, format!("`{text}` is not one of: {}", allowed.join(", ")))
-        })
+        if let Some((_, value)) = choices.iter().find(|(choice, _)| *choice == lower) {
+            return Ok(*value);
+        }
+        let problem = format!("`{}` is not one of", shortened(text));
+        self.fault(self.no_such(name, &problem, text, choices.iter().map(|(choice, _)| *choice)))?;
+        Ok(default)
+    }
+
+    /// The error for a `text` that is none of `allowed`.
+    pub(crate) fn no_such<'a>(
+        &self,
+        name: &str,
+        problem: &str,
+        text: &str,
+        allowed: impl Iterator<Item = &'a str>,
+    ) -> SceneError {
+        let allowed: Vec<&str> = allowed.collect();
+        let hint =
+            nearest(text, allowed.iter().copied()).map_or(String::new(), |name| format!("; did you mean `{name}`?"));
+        self.wrong(name, format!("{problem}: {}{hint}", allowed.join(", ")))
     }
 
     pub(crate) fn vector(&self, name: &str) -> Result<Option<DVec3>, SceneError> {
@@ -175,7 +206,7 @@ impl<'d> Reader<'d> {
                 value: Value::Vector(value),
                 ..
             }) => Ok(Some(*value)),
-            Some(property) => Err(self.mismatch(name, property, "point or vector")),
+            Some(property) => self.left_out(self.mismatch(name, property, "point or vector")),
         }
     }
 
@@ -186,7 +217,7 @@ impl<'d> Reader<'d> {
                 value: Value::Transform(value),
                 ..
             }) => Ok(Some(**value)),
-            Some(property) => Err(self.mismatch(name, property, "transform")),
+            Some(property) => self.left_out(self.mismatch(name, property, "transform")),
         }
     }
 
@@ -200,7 +231,7 @@ impl<'d> Reader<'d> {
             Value::Integer(value) => Ok(Some(Colour::Number(*value as f64))),
             Value::Rgb(rgb) => Ok(Some(Colour::Rgb(*rgb))),
             Value::Spectrum(spectrum) => Ok(Some(Colour::Spectrum(spectrum.clone()))),
-            _ => Err(self.mismatch(name, property, "rgb, spectrum or float, or a texture")),
+            _ => self.left_out(self.mismatch(name, property, "rgb, spectrum or float, or a texture")),
         }
     }
 
@@ -214,11 +245,8 @@ impl<'d> Reader<'d> {
             }
             self.taken.borrow_mut().insert(index);
             if found.is_some() || self.object.properties.contains_key(name) {
-                return Err(SceneError::value(
-                    &child.place,
-                    format!("{} `{name}`", self.context()),
-                    "it is given twice",
-                ));
+                let field = format!("{} `{name}`", self.context());
+                self.fault(SceneError::value(&child.place, field, "it is given twice"))?;
             }
             found = Some(child);
         }
@@ -244,13 +272,11 @@ impl<'d> Reader<'d> {
     /// The child of a kind, of which there may be one at most.
     pub(crate) fn only_child(&self, kind: Kind) -> Result<Option<&'d Child>, SceneError> {
         let children = self.children(kind);
-        match children.get(1) {
-            Some(second) => {
-                let reason = format!("only one <{}> is allowed here", kind.element());
-                Err(SceneError::value(&second.place, self.context(), reason))
-            }
-            None => Ok(children.first().copied()),
+        if let Some(second) = children.get(1) {
+            let reason = format!("only one <{}> is allowed here", kind.element());
+            self.fault(SceneError::value(&second.place, self.context(), reason))?;
         }
+        Ok(children.first().copied())
     }
 
     fn kind_of(&self, child: &Child) -> Kind {
@@ -263,43 +289,34 @@ impl<'d> Reader<'d> {
         self.taken.borrow_mut().extend(0..self.object.children.len());
     }
 
-    /// Refuses properties and children that were never asked for.
+    /// Notes properties and children that were never asked for.
     pub(crate) fn finish(&self) -> Result<(), SceneError> {
-        let asked = self.asked.borrow();
-        let unknown = self.object.properties.iter().find(|(name, _)| !asked.contains(*name));
-        let (place, what, name) = if let Some((name, property)) = unknown {
-            (&property.place, "property", name.clone())
-        } else {
-            let taken = self.taken.borrow();
-            let Some((_, child)) = self
-                .object
-                .children
-                .iter()
-                .enumerate()
-                .find(|(index, _)| !taken.contains(index))
-            else {
-                return Ok(());
-            };
-            let element = self.kind_of(child).element();
-            let name = child
-                .name
-                .as_ref()
-                .map_or(format!("<{element}>"), |name| format!("<{element} name=\"{name}\">"));
-            (&child.place, "nested object", name)
+        let (asked, taken) = (self.asked.borrow(), self.taken.borrow());
+        let unknown = |place: &Place, what, name: &str| {
+            self.fault(SceneError::unknown(
+                place,
+                self.context(),
+                what,
+                name,
+                asked.iter().map(String::as_str),
+            ))
         };
-        let allowed: Vec<&str> = asked.iter().map(String::as_str).collect();
-        let allowed = if allowed.is_empty() {
-            "none".to_owned()
-        } else {
-            allowed.join(", ")
-        };
-        Err(SceneError::Unknown {
-            place: place.clone(),
-            context: self.context(),
-            what,
-            name,
-            allowed,
-        })
+        for (name, property) in &self.object.properties {
+            if !asked.contains(name) {
+                unknown(&property.place, "property", name)?;
+            }
+        }
+        for (index, child) in self.object.children.iter().enumerate() {
+            if !taken.contains(&index) {
+                let element = self.kind_of(child).element();
+                let name = child
+                    .name
+                    .as_ref()
+                    .map_or(format!("<{element}>"), |name| format!("<{element} name=\"{name}\">"));
+                unknown(&child.place, "nested object", &name)?;
+            }
+        }
+        Ok(())
     }
 }
 

@@ -27,8 +27,8 @@ fn load(main: &[u8], file: Option<(&str, &[u8])>) -> Option<Scene> {
     files.extend(file.map(|(name, bytes)| (name.to_owned(), bytes.to_vec())));
     match Scene::load(&files, "main.xml", &BTreeMap::new(), &limits()) {
         Ok(scene) => Some(scene),
-        Err(error) => {
-            check(&error);
+        Err(faults) => {
+            faults.all().iter().for_each(check);
             None
         }
     }

@@ -115,12 +115,8 @@ pub(crate) fn reference(seed: u64, iterations: impl IntoIterator<Item = u32>) ->
 struct Double(Arc<Stage>);
 
 impl Renderer for Double {
-    fn load(
-        &self,
-        files: &BundleFiles,
-        main: &str,
-        _: &BTreeMap<String, String>,
-    ) -> Result<Arc<dyn LoadedScene>, String> {
+    fn load(&self, files: &BundleFiles, spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String> {
+        let main = &spec.main;
         let content = files.bytes(main).map_err(|error| error.to_string())?;
         match content.strip_prefix(b"broken ") {
             Some(reason) => Err(format!("{main}:1: {}", String::from_utf8_lossy(reason))),
@@ -353,6 +349,7 @@ impl Farm {
             scene: bundle,
             main: "scene.xml".into(),
             defines: BTreeMap::new(),
+            sensor: None,
             integrator: integrator.into(),
             iterations,
             seed: SEED,

@@ -18,6 +18,7 @@ fn spec(iterations: u32) -> JobSpec {
         scene: BlobHash::of(b""),
         main: "scene.xml".into(),
         defines: Default::default(),
+        sensor: None,
         integrator: IntegratorSettings::Path(PathSettings::default()).into(),
         iterations,
         seed: 0,

@@ -161,6 +161,7 @@ impl World {
             scene: BlobHash([7; 32]),
             main: "scene.xml".into(),
             defines: Default::default(),
+            sensor: None,
             integrator: match self.random.chance(30) {
                 true => IntegratorSettings::Sppm(PppmSettings::default()).into(),
                 false => IntegratorSettings::Path(PathSettings::default()).into(),

@@ -86,13 +86,11 @@ pub(super) fn build(
         }
     };
     if let Some(Err(error)) = settings.as_ref().map(IntegratorSettings::validate) {
-        return Err(reader.wrong(error.name, error.to_string()));
+        reader.fault(reader.wrong(error.name, error.to_string()))?;
     }
     if settings.is_some() && reader.boolean("hide_emitters", false)? {
-        return Err(reader.wrong(
-            "hide_emitters",
-            "hiding emitters is not supported; leave it out or set it to false",
-        ));
+        let reason = "hiding emitters is not supported; leave it out or set it to false";
+        reader.fault(reader.wrong("hide_emitters", reason))?;
     }
     reader.finish()?;
     Ok((settings, max_depth))
@@ -101,10 +99,10 @@ pub(super) fn build(
 /// `max_depth`; -1 stands for no limit.
 fn max_depth(reader: &Reader) -> Result<Option<u32>, SceneError> {
     match reader.integer("max_depth", -1..=i64::from(u32::MAX))? {
-        Some(0) => Err(reader.wrong(
-            "max_depth",
-            "0 is out of range; allowed: -1 for no limit, or 1 and above",
-        )),
+        Some(0) => {
+            let reason = "0 is out of range; allowed: -1 for no limit, or 1 and above";
+            reader.fault(reader.wrong("max_depth", reason)).map(|()| None)
+        }
         Some(depth) => Ok(u32::try_from(depth).ok()),
         None => Ok(None),
     }
@@ -131,10 +129,16 @@ fn settings<S: DeserializeOwned>(reader: &Reader, names: &[&str]) -> Result<S, S
                 .map(|word| word.parse::<f64>().map_or_else(|_| Json::from(word), Json::from))
                 .collect(),
             (Value::String(text), _) => Json::from(text.as_str()),
-            (other, _) => return Err(reader.wrong(name, format!("a {} is no setting", other.type_name()))),
+            (other, _) => {
+                reader.fault(reader.wrong(name, format!("a {} is no setting", other.type_name())))?;
+                continue;
+            }
         };
         let alone = Map::from_iter([((*name).to_owned(), json.clone())]);
-        serde_json::from_value::<S>(Json::Object(alone)).map_err(|error| reader.wrong(name, error.to_string()))?;
+        if let Err(error) = serde_json::from_value::<S>(Json::Object(alone)) {
+            reader.fault(reader.wrong(name, error.to_string()))?;
+            continue;
+        }
         given.insert((*name).to_owned(), json);
     }
     serde_json::from_value(Json::Object(given)).map_err(|error| reader.wrong("type", error.to_string()))

@@ -57,13 +57,14 @@ impl Builder<'_, '_> {
         };
         check_sampling_weight(&reader)?;
         reader.finish()?;
-        self.add_light(light);
+        self.add_light(light, reader.place());
         Ok(())
     }
 
     /// An area light outside a shape is there to be referenced.
     fn detached_area_light(&self, object: ObjectId, reader: &Reader) -> Result<(), SceneError> {
-        if self.used_area_lights.contains(&object) {
+        // Where something is wrong elsewhere, it may be what uses the light.
+        if self.used_area_lights.contains(&object) || self.description.faults.any() {
             return Ok(());
         }
         let reason = "no shape uses this area light: put it inside a <shape> or reference it there";
@@ -74,7 +75,7 @@ impl Builder<'_, '_> {
         match self.environment.replace(reader.place().clone()) {
             Some(first) => {
                 let reason = format!("the scene has an environment already, at {first}");
-                Err(SceneError::value(reader.place(), reader.context(), reason))
+                reader.fault(SceneError::value(reader.place(), reader.context(), reason))
             }
             None => Ok(()),
         }
@@ -88,6 +89,7 @@ impl Builder<'_, '_> {
         let to_world = rotation(&to_world)
             .ok_or_else(|| reader.wrong("to_world", "an environment can be rotated and mirrored only"))?;
         let image = self.bitmap_file(reader, false, WrapMode::Repeat, TextureFilter::Bilinear)?;
+        reader.finish()?;
         if image.width < 2 || image.height < 2 {
             let reason = format!(
                 "an environment has 2 x 2 texels or more, found {} x {}",
@@ -141,12 +143,13 @@ fn spot(reader: &Reader) -> Result<Light, SceneError> {
         .ok_or_else(|| reader.wrong("to_world", "a spot light can be moved, rotated and mirrored only"))?;
     let cutoff = reader.float_or("cutoff_angle", 0.01..=180.0, 20.0)?;
     let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?;
+    let intensity = light_colour(reader, "intensity", 1.0)?;
     if beam > cutoff {
         return Err(reader.wrong("beam_width", format!("{beam} is above `cutoff_angle`, {cutoff}")));
     }
     Ok(Light::Spot {
         to_world,
-        intensity: light_colour(reader, "intensity", 1.0)?,
+        intensity,
         cutoff_angle: cutoff.to_radians() as f32,
         beam_width: beam.to_radians() as f32,
     })

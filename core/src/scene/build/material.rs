@@ -5,7 +5,7 @@ use super::texture::{Role, colour};
 use crate::material::{Material, MicrofacetKind, Microfacets, ior};
 use crate::math::Vec2;
 use crate::scene::description::{Kind, ObjectId, Value};
-use crate::scene::error::SceneError;
+use crate::scene::error::{SceneError, shortened};
 use crate::scene::reader::{POSITIVE, Reader};
 use crate::scene::spectrum::Use;
 use crate::spectrum::Spectrum;
@@ -51,9 +51,14 @@ impl Builder<'_, '_> {
         if let Some(index) = self.material_of.get(&object) {
             return Ok(*index);
         }
-        let material = self.new_material(object)?;
-        self.materials.push(material);
-        let index = self.materials.len() as u32 - 1;
+        let built = self.new_material(object);
+        let index = match self.description.attempt(object, built)? {
+            Some(material) => {
+                self.materials.push(material);
+                self.materials.len() as u32 - 1
+            }
+            None => self.default_material(),
+        };
         self.material_of.insert(object, index);
         Ok(index)
     }
@@ -77,19 +82,20 @@ impl Builder<'_, '_> {
         }
         self.building.push(object);
         let material = match reader.object.plugin.as_str() {
-            "diffuse" => self.diffuse(&reader)?,
-            "twosided" => self.two_sided(&reader)?,
-            "dielectric" | "roughdielectric" => self.dielectric(&reader)?,
-            "conductor" | "roughconductor" => self.conductor(&reader)?,
-            "null" => Material::Null,
+            "diffuse" => self.diffuse(&reader),
+            "twosided" => self.two_sided(&reader),
+            "dielectric" | "roughdielectric" => self.dielectric(&reader),
+            "conductor" | "roughconductor" => self.conductor(&reader),
+            "null" => Ok(Material::Null),
             other if ELSEWHERE.contains(&other) => {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
-                return Err(reader.unsupported(format!("type `{other}`"), instead));
+                Err(reader.unsupported(format!("type `{other}`"), instead))
             }
-            _ => return Err(reader.unknown_type(&SUPPORTED)),
+            _ => Err(reader.unknown_type(&SUPPORTED)),
         };
-        reader.finish()?;
         self.building.pop();
+        let material = material?;
+        reader.finish()?;
         Ok(material)
     }
 
@@ -120,27 +126,28 @@ impl Builder<'_, '_> {
             [front, back] => (front, back),
             _ => return Err(reader.missing(format!("one or two nested BSDFs (found {})", sides.len()))),
         };
-        let mut side = |object: ObjectId| {
-            let material = self.new_material(object)?;
-            match material {
-                Material::Diffuse { .. } | Material::Conductor { .. } | Material::RoughConductor { .. } => {
-                    Ok(Box::new(material))
-                }
-                _ => {
-                    let place = self.description.objects[object].place.clone();
-                    let field = reader.context();
-                    Err(SceneError::value(
-                        &place,
-                        field,
-                        "a side must reflect only: diffuse, conductor, roughconductor",
-                    ))
-                }
-            }
-        };
         Ok(Material::TwoSided {
-            front: side(front.target)?,
-            back: side(back.target)?,
+            front: self.side(reader, front.target)?,
+            back: self.side(reader, back.target)?,
         })
+    }
+
+    /// A side of `twosided`.
+    fn side(&mut self, reader: &Reader, object: ObjectId) -> Result<Box<Material>, SceneError> {
+        let built = self.new_material(object);
+        let side = self.description.attempt(object, built)?;
+        match side {
+            Some(
+                material @ (Material::Diffuse { .. } | Material::Conductor { .. } | Material::RoughConductor { .. }),
+            ) => return Ok(Box::new(material)),
+            Some(_) if !self.description.objects[object].faulty.get() => {
+                let place = &self.description.objects[object].place;
+                let reason = "a side must reflect only: diffuse, conductor, roughconductor";
+                reader.fault(SceneError::value(place, reader.context(), reason))?;
+            }
+            _ => reader.object.faulty.set(true),
+        }
+        Ok(Box::new(Material::Null))
     }
 
     fn dielectric(&mut self, reader: &Reader) -> Result<Material, SceneError> {
@@ -148,10 +155,8 @@ impl Builder<'_, '_> {
         let exterior = refractive_index(reader, "ext_ior", "air")?;
         let eta = (interior / exterior) as f32;
         if !(1e-3..=1e3).contains(&eta) {
-            return Err(reader.wrong(
-                "int_ior",
-                format!("the ratio of indices is {eta}; allowed: 0.001 to 1000"),
-            ));
+            let reason = format!("the ratio of indices is {eta}; allowed: 0.001 to 1000");
+            reader.fault(reader.wrong("int_ior", reason))?;
         }
         let specular_reflectance = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?;
         let specular_transmittance =
@@ -199,13 +204,12 @@ fn refractive_index(reader: &Reader, name: &str, default: &str) -> Result<f64, S
         Some(_) => return Ok(reader.float(name, POSITIVE)?.unwrap_or(1.0)),
         None => default,
     };
-    ior::dielectric(material).map(f64::from).ok_or_else(|| {
-        let names: Vec<&str> = ior::dielectric_names().collect();
-        reader.wrong(
-            name,
-            format!("there is no dielectric `{material}`; there are: {}", names.join(", ")),
-        )
-    })
+    if let Some(index) = ior::dielectric(material) {
+        return Ok(f64::from(index));
+    }
+    let problem = format!("there is no dielectric `{}`; there are", shortened(material));
+    reader.fault(reader.no_such(name, &problem, material, ior::dielectric_names()))?;
+    Ok(1.0)
 }
 
 /// The complex index of a conductor: a named material, or `eta` and `k`; a perfect mirror by default.
@@ -218,11 +222,8 @@ fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
             .find(|child| child.name.as_deref() == Some(name))
         {
             let field = format!("{} `{name}`", reader.context());
-            return Err(SceneError::value(
-                &child.place,
-                field,
-                "textures are not supported here; give rgb or spectrum",
-            ));
+            let reason = "textures are not supported here; give rgb or spectrum";
+            return Err(SceneError::value(&child.place, field, reason));
         }
     }
     let (eta, k) = (
@@ -239,11 +240,8 @@ fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
             Ok((eta, k))
         }
         (Some(name), None, None) => ior::conductor(name).ok_or_else(|| {
-            let names: Vec<&str> = ior::conductor_names().collect();
-            reader.wrong(
-                "material",
-                format!("there is no conductor `{name}`; there are: {}", names.join(", ")),
-            )
+            let problem = format!("there is no conductor `{}`; there are", shortened(name));
+            reader.no_such("material", &problem, name, ior::conductor_names())
         }),
         _ => Err(reader.wrong("material", "give either `material` or `eta` and `k`, not both")),
     }
@@ -261,11 +259,8 @@ fn microfacets(reader: &Reader) -> Result<Microfacets, SceneError> {
             .find(|child| child.name.as_deref() == Some(name))
         {
             let field = format!("{} `{name}`", reader.context());
-            return Err(SceneError::value(
-                &child.place,
-                field,
-                "textured roughness is not supported; give a number",
-            ));
+            let reason = "textured roughness is not supported; give a number";
+            return Err(SceneError::value(&child.place, field, reason));
         }
     }
     let alpha = reader.float("alpha", ROUGHNESS)?;

@@ -12,35 +12,45 @@ use super::error::{Place, SceneError, within};
 use super::loader::{LoadedFile, Loader};
 use super::mesh::MeshTotals;
 use super::reader::Reader;
-use super::{Scene, ShapeBinding, Wishes};
+use super::{Scene, SceneWarning, ShapeBinding, Wishes, lamps};
 use crate::geometry::{Geometry, Shape, ShapeId};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
 use crate::math::Transform;
 use crate::texture::Bitmap;
+use sensor::View;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// Builds the scene that `description` describes.
-pub(crate) fn build(description: &Description, loader: &mut Loader) -> Result<Scene, SceneError> {
+///
+/// It is seen through the sensor that is named, or through the first one.
+/// Nothing comes back where faults of the scene were noted.
+pub(crate) fn build(
+    description: &Description,
+    loader: &mut Loader,
+    sensor: Option<&str>,
+) -> Result<Option<Scene>, SceneError> {
     let mut builder = Builder::new(description, loader);
     let scene = Reader::new(description, 0);
     let integrator = scene.only_child(Kind::Integrator)?;
-    let sensor = scene.only_child(Kind::Sensor)?;
-    let sensor = sensor.ok_or_else(|| missing(scene.place(), "a <sensor>"))?;
-    let (sensor, film, sample_count) = sensor::build(description, sensor.target, loader_limits(builder.loader))?;
+    let view = builder.view(&scene, sensor)?;
     let mut wishes = Wishes {
-        sample_count,
+        sample_count: view.as_ref().and_then(|view| view.sample_count),
         ..Wishes::default()
     };
     if let Some(integrator) = integrator {
-        (wishes.integrator, wishes.max_depth) = integrator::build(description, integrator.target)?;
+        let settings = integrator::build(description, integrator.target);
+        if let Some(settings) = description.attempt(integrator.target, settings)? {
+            (wishes.integrator, wishes.max_depth) = settings;
+        }
     }
     for bsdf in scene.children(Kind::Bsdf) {
         builder.material(bsdf.target)?;
     }
     for texture in scene.children(Kind::Texture) {
-        builder.texture(texture.target, texture::Role::REFLECTANCE)?;
+        let built = builder.texture(texture.target, texture::Role::REFLECTANCE);
+        description.attempt(texture.target, built)?;
     }
     let shapes = scene.children(Kind::Shape);
     within(
@@ -50,17 +60,18 @@ pub(crate) fn build(description: &Description, loader: &mut Loader) -> Result<Sc
         builder.loader.limits.shapes,
     )?;
     for shape in shapes {
-        builder.shape(shape.target)?;
+        let built = builder.shape(shape.target);
+        description.attempt(shape.target, built)?;
     }
     for emitter in scene.children(Kind::Emitter) {
-        builder.emitter(emitter.target)?;
+        let built = builder.emitter(emitter.target);
+        description.attempt(emitter.target, built)?;
     }
     scene.finish()?;
-    builder.finish(scene.place(), sensor, film, wishes)
-}
-
-fn loader_limits<'a>(loader: &Loader<'a>) -> &'a super::Limits {
-    loader.limits
+    if description.faults.any() {
+        return Ok(None);
+    }
+    builder.finish(scene.place(), view, wishes).map(Some)
 }
 
 fn missing(place: &Place, what: &str) -> SceneError {
@@ -78,7 +89,8 @@ struct Builder<'b, 'f> {
     shapes: Vec<Shape>,
     bindings: Vec<ShapeBinding>,
     materials: Vec<Material>,
-    lights: Vec<Light>,
+    /// Lights with their places.
+    lights: Vec<(Light, Place)>,
     /// Materials that were built, by the object that describes them.
     material_of: BTreeMap<ObjectId, u32>,
     /// The material of shapes that name none.
@@ -92,6 +104,7 @@ struct Builder<'b, 'f> {
     used_area_lights: BTreeSet<ObjectId>,
     /// The place of the environment light, of which there may be one.
     environment: Option<Place>,
+    warnings: Vec<SceneWarning>,
 }
 
 impl<'b, 'f> Builder<'b, 'f> {
@@ -111,7 +124,41 @@ impl<'b, 'f> Builder<'b, 'f> {
             texels: 0,
             used_area_lights: BTreeSet::new(),
             environment: None,
+            warnings: Vec::new(),
         }
+    }
+
+    /// The sensor that `name` chooses, or the first; `None` where the scene has none.
+    fn view(&mut self, scene: &Reader, name: Option<&str>) -> Result<Option<View>, SceneError> {
+        let sensors: Vec<ObjectId> = scene.children(Kind::Sensor).iter().map(|child| child.target).collect();
+        let chosen = match name {
+            Some(name) => Some(sensor::named(self.description, &sensors, name)?),
+            None => sensors.first().copied(),
+        };
+        let Some(chosen) = chosen else { return Ok(None) };
+        if name.is_none() && sensors.len() > 1 {
+            let message = format!(
+                "the first of the scene's {} sensors is taken; --sensor chooses another, by number or id: {}",
+                sensors.len(),
+                sensor::names(self.description, &sensors)
+            );
+            self.warn(&self.description.objects[chosen].place, message);
+        }
+        let built = sensor::build(self.description, chosen, self.loader.limits);
+        let view = self.description.attempt(chosen, built)?;
+        if view.as_ref().is_some_and(View::is_upside_down) {
+            let message =
+                "the camera stands on its head: up in the picture is down in the world (see `up` of its <lookat>)";
+            self.warn(&self.description.objects[chosen].place, message);
+        }
+        Ok(view)
+    }
+
+    fn warn(&mut self, place: &Place, message: impl Into<String>) {
+        self.warnings.push(SceneWarning {
+            place: place.clone(),
+            message: message.into(),
+        });
     }
 
     fn reader(&self, object: ObjectId) -> Reader<'b> {
@@ -133,26 +180,35 @@ impl<'b, 'f> Builder<'b, 'f> {
         ShapeId(self.shapes.len() as u32 - 1)
     }
 
-    fn add_light(&mut self, light: Light) -> LightId {
-        self.lights.push(light);
+    fn add_light(&mut self, light: Light, place: &Place) -> LightId {
+        self.lights.push((light, place.clone()));
         LightId(self.lights.len() as u32 - 1)
     }
 
-    fn finish(
-        self,
-        place: &Place,
-        sensor: crate::sensor::Sensor,
-        film: crate::film::FilmSettings,
-        wishes: Wishes,
-    ) -> Result<Scene, SceneError> {
+    fn finish(mut self, place: &Place, view: Option<View>, wishes: Wishes) -> Result<Scene, SceneError> {
         if self.shapes.is_empty() {
             return Err(missing(place, "a <shape>: the scene is empty"));
         }
         if self.lights.is_empty() {
-            return Err(missing(place, "an <emitter>: the scene is dark"));
+            let what = "an <emitter>, without which the picture is black (such as <emitter type=\"constant\"/>, or one of type \
+                        `area` in a <shape>),";
+            return Err(missing(place, what));
         }
-        let geometry = Geometry::build(self.shapes);
-        let lights = Lights::build(self.lights, &geometry);
+        let geometry = Geometry::build(std::mem::take(&mut self.shapes));
+        let view = match view {
+            Some(view) => view,
+            None => {
+                self.warn(
+                    place,
+                    "the scene has no <sensor>: it is seen from outside along +z, all of it in the picture",
+                );
+                sensor::default_view(&geometry)
+            }
+        };
+        let View { sensor, film, .. } = view;
+        let (warnings, small_lamp) = lamps::examine(&self.lights, &geometry);
+        self.warnings.extend(warnings);
+        let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
         Ok(Scene {
             geometry,
             bindings: self.bindings,
@@ -161,6 +217,8 @@ impl<'b, 'f> Builder<'b, 'f> {
             sensor,
             film,
             wishes,
+            warnings: self.warnings,
+            small_lamp,
         })
     }
 }

@@ -2,10 +2,11 @@
 
 use super::uniform_scale;
 use crate::film::{FilmSettings, Filter};
-use crate::math::{Transform, Vec2, Vec3};
+use crate::geometry::Geometry;
+use crate::math::{Transform, Vec2, Vec3, tan};
 use crate::scene::Limits;
 use crate::scene::description::{Description, Kind, ObjectId, Value};
-use crate::scene::error::{SceneError, within};
+use crate::scene::error::{Place, SceneError, shortened, within};
 use crate::scene::reader::{ANY, NOT_NEGATIVE, POSITIVE, Reader};
 use crate::sensor::{Lens, Projection, Sensor};
 
@@ -31,12 +32,97 @@ const SAMPLERS: [&str; 9] = [
     "deterministic",
 ];
 
-/// The camera, the film, and the samples per pixel where the scene says them.
-pub(super) fn build(
-    description: &Description,
-    object: ObjectId,
-    limits: &Limits,
-) -> Result<(Sensor, FilmSettings, Option<u32>), SceneError> {
+/// A camera with its film.
+pub(super) struct View {
+    pub(super) sensor: Sensor,
+    pub(super) film: FilmSettings,
+    /// Samples per pixel, where the scene says them.
+    pub(super) sample_count: Option<u32>,
+}
+
+impl View {
+    /// Whether up in the picture is down in a world whose up is y, as in Mitsuba, or z, as in Blender. A camera that looks along
+    /// -y may be one that looks straight down where y is up.
+    pub(super) fn is_upside_down(&self) -> bool {
+        let [up, forward] = [Vec3::Y, Vec3::Z].map(|axis| self.sensor.to_world.vector(axis).normalize_or_zero());
+        up.y < -0.7 || (up.z < -0.7 && forward.y > -0.7)
+    }
+}
+
+/// The sensor with the id `name`, or else with that number from 1.
+pub(super) fn named(description: &Description, sensors: &[ObjectId], name: &str) -> Result<ObjectId, SceneError> {
+    let by_id = description.ids.get(name).filter(|object| sensors.contains(object));
+    let by_number = || sensors.get(name.parse::<usize>().ok()?.checked_sub(1)?);
+    by_id.or_else(by_number).copied().ok_or_else(|| SceneError::Unknown {
+        place: Place::whole(&description.objects[0].place.file),
+        context: "<scene>".into(),
+        what: "sensor",
+        name: shortened(name),
+        allowed: names(description, sensors),
+    })
+}
+
+/// Numbers and ids of sensors, for messages.
+pub(super) fn names(description: &Description, sensors: &[ObjectId]) -> String {
+    let name = |(index, sensor): (usize, &ObjectId)| {
+        let ids: Vec<String> = description
+            .ids
+            .iter()
+            .filter(|(_, object)| *object == sensor)
+            .map(|(id, _)| format!("`{id}`"))
+            .collect();
+        let number = index + 1;
+        if ids.is_empty() {
+            number.to_string()
+        } else {
+            format!("{number} or {}", ids.join(" or "))
+        }
+    };
+    let names: Vec<String> = sensors.iter().enumerate().take(MOST_NAMES).map(name).collect();
+    match (names.is_empty(), sensors.len() > MOST_NAMES) {
+        (true, _) => "none: the scene has no sensor".into(),
+        (false, true) => format!("{}, ...", names.join(", ")),
+        (false, false) => names.join(", "),
+    }
+}
+
+/// The most sensors that a message lists.
+const MOST_NAMES: usize = 20;
+
+/// What Mitsuba shows of a scene without a sensor: all of it, from outside along +z, with a field of view of 45 degrees.
+pub(super) fn default_view(geometry: &Geometry) -> View {
+    let (lower, upper) = geometry.bounds();
+    let (center, extent) = (0.5 * (lower + upper), (upper - lower).max_element());
+    let fov_x = 45.0_f32.to_radians();
+    let distance = extent / (2.0 * tan(0.5 * fov_x));
+    let eye = glam::DVec3::new(
+        center.x.into(),
+        center.y.into(),
+        f64::from(lower.z) - f64::from(distance),
+    );
+    let film = FilmSettings {
+        resolution: DEFAULT_RESOLUTION,
+        filter: DEFAULT_FILTER,
+    };
+    let sensor = Sensor {
+        to_world: Transform::from_matrix(glam::DMat4::from_translation(eye)).unwrap_or_default(),
+        projection: Projection::Perspective {
+            fov_x,
+            principal_point: Vec2::ZERO,
+            lens: None,
+        },
+        resolution: film.resolution,
+        clip: [distance / 100.0, extent * 5.0 + distance],
+    };
+    View {
+        sensor,
+        film,
+        sample_count: None,
+    }
+}
+
+/// Builds a sensor.
+pub(super) fn build(description: &Description, object: ObjectId, limits: &Limits) -> Result<View, SceneError> {
     let reader = Reader::new(description, object);
     let plugin = reader.object.plugin.as_str();
     if OTHER_SENSORS.contains(&plugin) {
@@ -46,19 +132,30 @@ pub(super) fn build(
         return Err(reader.unknown_type(&SENSORS));
     }
     let film = match reader.only_child(Kind::Film)? {
-        Some(film) => film_settings(&Reader::new(description, film.target), description, limits)?,
-        None => FilmSettings {
-            resolution: DEFAULT_RESOLUTION,
-            filter: DEFAULT_FILTER,
-        },
+        Some(film) => {
+            let settings = film_settings(&Reader::new(description, film.target), description, limits);
+            description.attempt(film.target, settings)?
+        }
+        None => None,
     };
+    let film = film.unwrap_or(FilmSettings {
+        resolution: DEFAULT_RESOLUTION,
+        filter: DEFAULT_FILTER,
+    });
     let sample_count = match reader.only_child(Kind::Sampler)? {
-        Some(sampler) => sample_count(&Reader::new(description, sampler.target))?,
+        Some(sampler) => {
+            let count = sample_count(&Reader::new(description, sampler.target));
+            description.attempt(sampler.target, count)?.flatten()
+        }
         None => None,
     };
     let sensor = camera(&reader, film.resolution)?;
     reader.finish()?;
-    Ok((sensor, film, sample_count))
+    Ok(View {
+        sensor,
+        film,
+        sample_count,
+    })
 }
 
 const DEFAULT_RESOLUTION: [u32; 2] = [768, 576];
@@ -70,7 +167,7 @@ fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<Sensor, SceneError> {
     let near = reader.float_or("near_clip", POSITIVE, 1e-2)?;
     let far = reader.float_or("far_clip", POSITIVE, 1e4)?;
     if near >= far {
-        return Err(reader.wrong("near_clip", format!("{near} is not below `far_clip`, {far}")));
+        reader.fault(reader.wrong("near_clip", format!("{near} is not below `far_clip`, {far}")))?;
     }
     let focus_distance = reader.float_or("focus_distance", POSITIVE, far)? as f32;
     shutter(reader)?;
@@ -99,7 +196,7 @@ fn perspective(
 ) -> Result<Projection, SceneError> {
     if uniform_scale(to_world).is_none_or(|scale| (scale - 1.0).abs() > 1e-3) {
         let reason = "this camera can be moved, rotated and mirrored, but not scaled or sheared";
-        return Err(reader.wrong("to_world", reason));
+        reader.fault(reader.wrong("to_world", reason))?;
     }
     let offset = |name| reader.float_or(name, -10.0..=10.0, 0.0);
     let principal_point = Vec2::new(
@@ -158,7 +255,7 @@ fn shutter(reader: &Reader) -> Result<(), SceneError> {
     if open == close {
         Ok(())
     } else {
-        Err(reader.wrong("shutter_close", "motion blur is not supported"))
+        reader.fault(reader.wrong("shutter_close", "motion blur is not supported"))
     }
 }
 
@@ -258,18 +355,14 @@ fn film_settings(reader: &Reader, description: &Description, limits: &Limits) ->
             .integer(name, 0..=i64::MAX)?
             .is_some_and(|value| value != i64::from(whole))
         {
-            return Err(reader.wrong(
-                name,
-                format!("crops are not supported; leave it out or set it to {whole}"),
-            ));
+            let reason = format!("crops are not supported; leave it out or set it to {whole}");
+            reader.fault(reader.wrong(name, reason))?;
         }
     }
     for name in ["sample_border", "high_quality_edges"] {
         if reader.boolean(name, false)? {
-            return Err(reader.wrong(
-                name,
-                "it is not supported and not needed: each sample belongs to one pixel",
-            ));
+            let reason = "it is not supported and not needed: each sample belongs to one pixel";
+            reader.fault(reader.wrong(name, reason))?;
         }
     }
     reader.boolean("compensate", false)?;
@@ -279,7 +372,10 @@ fn film_settings(reader: &Reader, description: &Description, limits: &Limits) ->
     reader.choice("pixel_format", &choices(&formats), ())?;
     reader.choice("component_format", &choices(&["float16", "float32", "uint32"]), ())?;
     let filter = match reader.only_child(Kind::Filter)? {
-        Some(filter) => reconstruction_filter(&Reader::new(description, filter.target))?,
+        Some(filter) => {
+            let built = reconstruction_filter(&Reader::new(description, filter.target));
+            description.attempt(filter.target, built)?.unwrap_or(DEFAULT_FILTER)
+        }
         None => DEFAULT_FILTER,
     };
     reader.finish()?;

@@ -4,10 +4,11 @@ use super::{Builder, uniform_scale};
 use crate::geometry::Shape;
 use crate::light::Light;
 use crate::math::{Transform, Vec3};
-use crate::scene::description::{Kind, ObjectId};
+use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::SceneError;
 use crate::scene::mesh::{self, MeshFile, RawMesh, primitives};
 use crate::scene::reader::{POSITIVE, Reader};
+use crate::texture::Texture;
 use glam::{DMat4, DVec3};
 
 use super::texture::Role;
@@ -32,6 +33,20 @@ impl Builder<'_, '_> {
         let reader = self.reader(object);
         let to_world = reader.transform("to_world")?.unwrap_or_default();
         let flip = reader.boolean("flip_normals", false)?;
+        let bsdf = reader.only_child(Kind::Bsdf)?;
+        let emitter = reader.only_child(Kind::Emitter)?;
+        let material = match bsdf {
+            Some(bsdf) => self.material(bsdf.target)?,
+            None => self.default_material(),
+        };
+        let radiance = match emitter {
+            Some(emitter) => {
+                self.used_area_lights.insert(emitter.target);
+                let radiance = self.area_light(&reader, emitter);
+                self.description.attempt(emitter.target, radiance)?
+            }
+            None => None,
+        };
         let shape = match reader.object.plugin.as_str() {
             "rectangle" => self.flat_primitive(&reader, primitives::rectangle(), &to_world, flip)?,
             "cube" => self.flat_primitive(&reader, primitives::cube(), &to_world, flip)?,
@@ -44,27 +59,25 @@ impl Builder<'_, '_> {
             }
             _ => return Err(reader.unknown_type(&SUPPORTED)),
         };
-        let material = match reader.only_child(Kind::Bsdf)? {
-            Some(bsdf) => self.material(bsdf.target)?,
-            None => self.default_material(),
-        };
-        let emitter = reader.only_child(Kind::Emitter)?;
-        reader.finish()?;
         let shape = self.add_shape(shape, material);
-        if let Some(emitter) = emitter {
-            let light = self.reader(emitter.target);
-            if light.object.plugin != "area" {
-                let reason = "the emitter of a shape must have type `area`";
-                return Err(SceneError::value(&emitter.place, reader.context(), reason));
-            }
-            let radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
-            super::light::check_sampling_weight(&light)?;
-            light.finish()?;
-            self.used_area_lights.insert(emitter.target);
-            let light = self.add_light(Light::Area { shape, radiance });
+        if let (Some(radiance), Some(emitter)) = (radiance, emitter) {
+            let light = self.add_light(Light::Area { shape, radiance }, &emitter.place);
             self.bindings[shape.0 as usize].light = Some(light);
         }
         Ok(())
+    }
+
+    /// The radiance of a shape's area light.
+    fn area_light(&mut self, shape: &Reader, emitter: &Child) -> Result<Texture, SceneError> {
+        let light = self.reader(emitter.target);
+        if light.object.plugin != "area" {
+            let reason = "the emitter of a shape must have type `area`";
+            return Err(SceneError::value(&emitter.place, shape.context(), reason));
+        }
+        let radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
+        super::light::check_sampling_weight(&light)?;
+        light.finish()?;
+        Ok(radiance)
     }
 
     fn flat_primitive(
@@ -74,6 +87,7 @@ impl Builder<'_, '_> {
         to_world: &Transform,
         flip: bool,
     ) -> Result<Shape, SceneError> {
+        reader.finish()?;
         let mut mesh = mesh::finish(raw, to_world, false, flip).map_err(|reason| reader.wrong("to_world", reason))?;
         // The corners' normals have told the outer side; within a face they are all the same.
         mesh.normals.clear();
@@ -88,28 +102,31 @@ impl Builder<'_, '_> {
         let flip_v = reader.boolean("flip_tex_coords", plugin == "obj")?;
         if reader.property("max_smooth_angle").is_some() {
             let reason = "it is not supported; give the file normals, or set `face_normals`";
-            return Err(reader.wrong("max_smooth_angle", reason));
+            reader.fault(reader.wrong("max_smooth_angle", reason))?;
         }
         let index = match plugin {
             "serialized" => reader.integer("shape_index", 0..=i64::from(u32::MAX - 1))?.unwrap_or(0),
             _ => 0,
         };
+        reader.string("filename")?;
+        reader.finish()?;
         let file = self.file(reader)?;
         let source = MeshFile::new(&file, self.loader.limits, self.meshes);
-        let raw = match plugin {
-            "obj" => source.obj(flip_v)?,
-            "ply" => source.ply(flip_v)?,
-            _ => {
-                let (raw, flat) = source.serialized(index as u32, flip_v)?;
+        let read = match plugin {
+            "obj" => source.obj(flip_v),
+            "ply" => source.ply(flip_v),
+            _ => source.serialized(index as u32, flip_v).map(|(raw, flat)| {
                 face_normals |= flat;
                 raw
-            }
+            }),
         };
-        self.meshes.triangles += raw.triangles.len() as u64;
-        self.meshes.vertices += raw.positions.len() as u64;
-        if plugin != "serialized" {
+        // Of a file with many meshes, those count that are read.
+        if plugin != "serialized" || read.is_err() {
             self.meshes.bytes += file.bytes.len() as u64;
         }
+        let raw = read?;
+        self.meshes.triangles += raw.triangles.len() as u64;
+        self.meshes.vertices += raw.positions.len() as u64;
         let broken = |reason| SceneError::data(&source.place, format!("{reason} (used at {})", reader.place()));
         let mesh = mesh::finish(raw, to_world, face_normals, flip).map_err(broken)?;
         Ok(Shape::Mesh(mesh))
@@ -119,6 +136,7 @@ impl Builder<'_, '_> {
 fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
     let center = reader.vector("center")?.unwrap_or(DVec3::ZERO);
     let radius = reader.float_or("radius", POSITIVE, 1.0)?;
+    reader.finish()?;
     let unit_to_world = DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(radius));
     let unit_to_world = Transform::from_matrix(unit_to_world).map(|placed| to_world.after(&placed));
     let placed = unit_to_world.ok_or_else(|| reader.wrong("radius", "the sphere is too small or too large"))?;
@@ -140,6 +158,7 @@ fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, Sc
 }
 
 fn disk(reader: &Reader, to_world: Transform, flip: bool) -> Result<Shape, SceneError> {
+    reader.finish()?;
     let (u, v) = (to_world.vector(Vec3::X), to_world.vector(Vec3::Y));
     check_extent(reader, to_world.point(Vec3::ZERO), u.length().max(v.length()))?;
     if u.as_dvec3().cross(v.as_dvec3()).length() < 1e-18 {

@@ -2,7 +2,7 @@
 
 use super::Builder;
 use crate::math::Vec2;
-use crate::scene::description::{Kind, ObjectId};
+use crate::scene::description::{Kind, ObjectId, Property, SpectrumValue, Value};
 use crate::scene::error::SceneError;
 use crate::scene::image;
 use crate::scene::reader::{ANY, Colour, Reader};
@@ -36,11 +36,28 @@ impl Builder<'_, '_> {
         default: f32,
     ) -> Result<Texture, SceneError> {
         if let Some(child) = reader.named_child(name, Kind::Texture)? {
-            return self.texture(child.target, role);
+            let built = self.texture(child.target, role);
+            let texture = self.description.attempt(child.target, built)?;
+            return Ok(texture.unwrap_or(Texture::Constant(Spectrum::splat(default))));
         }
-        Ok(Texture::Constant(
-            colour(reader, name, role.used)?.unwrap_or(Spectrum::splat(default)),
-        ))
+        Ok(Texture::Constant(self.colour_or(reader, name, role, default)?))
+    }
+
+    /// The property `name` as a colour, or the same `default` in every channel.
+    fn colour_or(&mut self, reader: &Reader, name: &str, role: Role, default: f32) -> Result<Spectrum, SceneError> {
+        if let Some(Property {
+            value: Value::Spectrum(SpectrumValue::Sampled(samples)),
+            place,
+        }) = reader.property(name)
+            && role.used == Use::Reflectance
+            && samples.iter().any(|(_, value)| *value > 1.0)
+        {
+            self.warn(
+                place,
+                "no surface reflects more than arrives: what is above 1 in this spectrum's colour counts as 1",
+            );
+        }
+        Ok(colour(reader, name, role.used)?.unwrap_or(Spectrum::splat(default)))
     }
 
     pub(super) fn texture(&mut self, object: ObjectId, role: Role) -> Result<Texture, SceneError> {
@@ -51,8 +68,8 @@ impl Builder<'_, '_> {
                 Texture::Bitmap(self.bitmap(&reader, role)?, to_uv)
             }
             "checkerboard" => Texture::Checkerboard {
-                even: colour(&reader, "color0", role.used)?.unwrap_or(Spectrum::splat(0.4)),
-                odd: colour(&reader, "color1", role.used)?.unwrap_or(Spectrum::splat(0.2)),
+                even: self.colour_or(&reader, "color0", role, 0.4)?,
+                odd: self.colour_or(&reader, "color1", role, 0.2)?,
                 to_uv: uv_transform(&reader)?,
             },
             _ => return Err(reader.unknown_type(&["bitmap", "checkerboard"])),
@@ -74,7 +91,13 @@ impl Builder<'_, '_> {
             ("nearest", TextureFilter::Nearest),
         ];
         let filter = reader.choice("filter_type", &filters, TextureFilter::Bilinear)?;
+        reader.string("filename")?;
+        reader.finish()?;
         let bitmap = self.bitmap_file(reader, raw, wrap, filter)?;
+        if raw && image::is_encoded(&self.file(reader)?.bytes) {
+            let message = "`raw` takes the sRGB values of this image as linear, so that its colours come out too light; leave it out";
+            self.warn(&reader.object.properties["raw"].place, message);
+        }
         let brightest = bitmap
             .texels
             .iter()
@@ -125,15 +148,19 @@ pub(super) fn colour(reader: &Reader, name: &str, used: Use) -> Result<Option<Sp
     let Some(colour) = reader.colour(name)? else {
         return Ok(None);
     };
-    to_rgb(&colour, used)
-        .map(Some)
-        .map_err(|reason| reader.wrong(name, reason))
+    match to_rgb(&colour, used) {
+        Ok(rgb) => Ok(Some(rgb)),
+        Err(reason) => reader.fault(reader.wrong(name, reason)).map(|()| None),
+    }
 }
 
 /// The property `name` as a colour that must not be black, or the same `default` in every channel.
 pub(super) fn light_colour(reader: &Reader, name: &str, default: f64) -> Result<Spectrum, SceneError> {
     let colour = reader.colour(name)?.unwrap_or(Colour::Number(default));
-    to_rgb(&colour, Use::Emission).map_err(|reason| reader.wrong(name, reason))
+    match to_rgb(&colour, Use::Emission) {
+        Ok(rgb) => Ok(rgb),
+        Err(reason) => reader.fault(reader.wrong(name, reason)).map(|()| Spectrum::ONE),
+    }
 }
 
 /// The first two rows of `to_uv`, or the scale and offset of the 0.x dialect.

@@ -47,8 +47,14 @@ pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
         return Err(format!("{rgb:?} is negative"));
     }
     if used == Use::Reflectance && rgb.iter().any(|channel| *channel > 1.0) {
+        let of_bytes = rgb.iter().all(|channel| channel.fract() == 0.0) && rgb.iter().any(|channel| *channel > 1.5);
+        let advice = if of_bytes {
+            "; colours of 0 to 255 are divided by 255"
+        } else {
+            ""
+        };
         return Err(format!(
-            "{rgb:?} is above 1: more light would leave the surface than arrives"
+            "{rgb:?} is above 1: more light would leave the surface than arrives{advice}"
         ));
     }
     if used == Use::Emission && rgb.iter().any(|channel| *channel > BRIGHTEST) {

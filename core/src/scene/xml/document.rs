@@ -1,10 +1,9 @@
 //! One XML file: its text, and the lines of its nodes.
 
-use super::super::error::{Place, SceneError, within};
+use super::super::error::{Place, SceneError, shortened, within};
 use super::super::limits::Limits;
 use super::super::loader::LoadedFile;
 use super::super::text;
-use super::values::shortened;
 use roxmltree::{Node, ParsingOptions};
 use std::sync::Arc;
 

@@ -11,13 +11,16 @@ mod transform;
 mod values;
 
 use super::description::{Child, Description, Kind, Object, ObjectId, Property, Value};
-use super::error::{Place, SceneError, within};
+use super::error::{Place, SceneError, nearest, within};
+use super::faults::Faults;
 use super::loader::{LoadedFile, Loader};
 use document::Document;
 use names::snake_case;
 use parameters::{FillError, Parameters};
 use roxmltree::Node;
-use std::collections::BTreeMap;
+use std::cell::Cell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 use std::sync::Arc;
 use transform::Attributes;
 
@@ -26,6 +29,7 @@ pub(crate) fn read(
     loader: &mut Loader,
     main: &str,
     defines: &BTreeMap<String, String>,
+    faults: &Rc<Faults>,
 ) -> Result<Description, SceneError> {
     let place = Place::whole(main);
     let file = loader.open(&place, &[String::new()], main)?;
@@ -38,18 +42,13 @@ pub(crate) fn read(
         open_files: Vec::new(),
         included: 0,
         bytes: 0,
+        faults: faults.clone(),
+        incomplete: false,
     };
     reader.file(&file, &place, &[], None, 1)?;
-    if let Some(name) = reader.parameters.first_unnamed() {
-        let allowed = list(reader.parameters.names().filter(|n| !defines.contains_key(*n)));
-        let (what, context) = ("parameter", "definitions".to_owned());
-        return Err(SceneError::Unknown {
-            place,
-            context,
-            what,
-            name: name.into(),
-            allowed,
-        });
+    if let Some(name) = reader.parameters.first_unnamed().filter(|_| !reader.incomplete) {
+        let allowed = reader.parameters.names().filter(|n| !defines.contains_key(*n));
+        faults.note(SceneError::unknown(&place, "definitions", "parameter", name, allowed))?;
     }
     reader.resolve()
 }
@@ -66,6 +65,9 @@ struct XmlReader<'r, 'f> {
     included: u64,
     /// Bytes of XML read, repetitions and filled-in values included.
     bytes: u64,
+    faults: Rc<Faults>,
+    /// Whether a fault has lost what would define ids and parameters.
+    incomplete: bool,
 }
 
 /// Where an element stands.
@@ -94,6 +96,18 @@ impl XmlReader<'_, '_> {
             });
         }
         self.open_files.push(file.name.clone());
+        let result = self.content(file, search, parent, depth);
+        self.open_files.pop();
+        result
+    }
+
+    fn content(
+        &mut self,
+        file: &LoadedFile,
+        search: &[String],
+        parent: Option<ObjectId>,
+        depth: u32,
+    ) -> Result<(), SceneError> {
         self.charge(&Place::whole(&file.name), file.bytes.len())?;
         let document = Document::new(file)?;
         let tree = document.parse(self.limits())?;
@@ -121,24 +135,31 @@ impl XmlReader<'_, '_> {
                     search: folders.into(),
                     properties: BTreeMap::new(),
                     children: Vec::new(),
+                    faulty: Cell::new(false),
                 });
                 self.children(&document, root, 0, depth)?;
             }
             (_, Some(parent)) => {
                 let outer = std::mem::replace(&mut self.objects[parent].search, folders.into());
-                self.element(
-                    Context {
-                        document: &document,
-                        parent,
-                        depth,
-                    },
-                    root,
-                )?;
+                let context = Context {
+                    document: &document,
+                    parent,
+                    depth,
+                };
+                let result = self.element(context, root);
                 self.objects[parent].search = outer;
+                result?;
             }
-            (name, None) => return Err(unknown(&place, "scene file", "root element", name, "scene")),
+            (name, None) => {
+                return Err(SceneError::unknown(
+                    &place,
+                    "scene file",
+                    "root element",
+                    name,
+                    ["scene"],
+                ));
+            }
         }
-        self.open_files.pop();
         Ok(())
     }
 
@@ -159,21 +180,33 @@ impl XmlReader<'_, '_> {
     }
 
     fn children(&mut self, document: &Document, node: Node, parent: ObjectId, depth: u32) -> Result<(), SceneError> {
+        let context = Context {
+            document,
+            parent,
+            depth,
+        };
         for child in node.children() {
-            if child.is_element() {
-                self.element(
-                    Context {
-                        document,
-                        parent,
-                        depth,
-                    },
-                    child,
-                )?;
+            let result = if child.is_element() {
+                self.element(context, child)
             } else {
-                document.no_text(child, node.tag_name().name())?;
+                document.no_text(child, node.tag_name().name())
+            };
+            if let Err(fault) = result {
+                self.note(parent, child, fault)?;
             }
         }
         Ok(())
+    }
+
+    /// Notes a fault of an element within an object; the element counts as left out.
+    fn note(&mut self, parent: ObjectId, element: Node, fault: SceneError) -> Result<(), SceneError> {
+        self.objects[parent].faulty.set(true);
+        // A file that is lost may have set any parameter.
+        if self.incomplete && matches!(fault, SceneError::Unknown { what: "parameter", .. }) {
+            return Ok(());
+        }
+        self.incomplete |= element.has_tag_name("include") || element.has_attribute("id");
+        self.faults.note(fault)
     }
 
     fn element(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
@@ -224,6 +257,7 @@ impl XmlReader<'_, '_> {
             search: self.objects[context.parent].search.clone(),
             properties: BTreeMap::new(),
             children: Vec::new(),
+            faulty: Cell::new(false),
         });
         if let Some(name) = attributes.remove("id") {
             self.define_id(&place, name, id)?;
@@ -351,8 +385,7 @@ impl XmlReader<'_, '_> {
         let id = take(&mut attributes, &place, "alias", "id")?;
         let alias = take(&mut attributes, &place, "alias", "as")?;
         let Some((object, _)) = self.ids.get(&id) else {
-            let reason = "no object above has this id".into();
-            return Err(SceneError::Reference { place, id, reason });
+            return Err(self.no_such_id(place, id, "no object above has this id"));
         };
         self.define_id(&place, alias, *object)
     }
@@ -369,12 +402,13 @@ impl XmlReader<'_, '_> {
         for attribute in node.attributes() {
             let name = attribute.name();
             if !allowed.contains(&name) || attribute.namespace().is_some() {
-                return Err(unknown(
+                let context = format!("<{element}>");
+                return Err(SceneError::unknown(
                     &place,
-                    &format!("<{element}>"),
+                    context,
                     "attribute",
                     name,
-                    &list(allowed.iter().copied()),
+                    allowed.iter().copied(),
                 ));
             }
             let limit = self.limits().attribute_bytes;
@@ -383,8 +417,8 @@ impl XmlReader<'_, '_> {
                 .fill(attribute.value(), limit as usize)
                 .map_err(|error| match error {
                     FillError::Undefined(parameter) => {
-                        let (context, allowed) = (format!("<{element}> {name}"), list(self.parameters.names()));
-                        unknown(&place, &context, "parameter", &parameter, &allowed)
+                        let context = format!("<{element}> {name}");
+                        SceneError::unknown(&place, context, "parameter", &parameter, self.parameters.names())
                     }
                     FillError::TooLong => {
                         let what = format!("<{element}> {name}: bytes of the filled-in value");
@@ -408,12 +442,12 @@ impl XmlReader<'_, '_> {
         for child in node.children() {
             if child.is_element() {
                 let context = format!("<{}>", node.tag_name().name());
-                return Err(unknown(
+                return Err(SceneError::unknown(
                     &document.place(child),
-                    &context,
+                    context,
                     "element",
                     child.tag_name().name(),
-                    "none",
+                    [],
                 ));
             }
             document.no_text(child, node.tag_name().name())?;
@@ -421,19 +455,39 @@ impl XmlReader<'_, '_> {
         Ok(())
     }
 
+    fn no_such_id(&self, place: Place, id: String, problem: &str) -> SceneError {
+        let nearest = nearest(&id, self.ids.keys().map(String::as_str));
+        let hint = nearest.map_or(String::new(), |nearest| format!("; did you mean `{nearest}`?"));
+        let reason = format!("{problem}{hint}");
+        SceneError::Reference { place, id, reason }
+    }
+
     fn resolve(mut self) -> Result<Description, SceneError> {
-        for (object, child, id) in self.references {
-            let place = self.objects[object].children[child].place.clone();
-            let Some((target, _)) = self.ids.get(&id) else {
-                return Err(SceneError::Reference {
-                    place,
-                    id,
-                    reason: "no object has this id".into(),
-                });
-            };
-            self.objects[object].children[child].target = *target;
+        let mut lost: BTreeMap<ObjectId, BTreeSet<usize>> = BTreeMap::new();
+        for (object, child, id) in std::mem::take(&mut self.references) {
+            if let Some((target, _)) = self.ids.get(&id) {
+                self.objects[object].children[child].target = *target;
+                continue;
+            }
+            lost.entry(object).or_default().insert(child);
+            if !self.incomplete {
+                let place = self.objects[object].children[child].place.clone();
+                self.faults.note(self.no_such_id(place, id, "no object has this id"))?;
+            }
         }
-        Ok(Description { objects: self.objects })
+        for (object, lost) in lost {
+            let mut index = 0..;
+            let object = &mut self.objects[object];
+            object
+                .children
+                .retain(|_| index.next().is_none_or(|index| !lost.contains(&index)));
+            object.faulty.set(true);
+        }
+        Ok(Description {
+            objects: self.objects,
+            ids: self.ids.into_iter().map(|(id, (object, _))| (id, object)).collect(),
+            faults: self.faults,
+        })
     }
 }
 
@@ -445,22 +499,6 @@ fn take(attributes: &mut Attributes, place: &Place, element: &str, name: &str) -
     })
 }
 
-fn unknown(place: &Place, context: &str, what: &'static str, name: &str, allowed: &str) -> SceneError {
-    let (place, context) = (place.clone(), context.to_owned());
-    SceneError::Unknown {
-        place,
-        context,
-        what,
-        name: values::shortened(name),
-        allowed: allowed.to_owned(),
-    }
-}
-
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    let names: Vec<&str> = names.collect();
-    if names.is_empty() {
-        "none".into()
-    } else {
-        names.join(", ")
-    }
+    names.collect::<Vec<_>>().join(", ")
 }

@@ -1,7 +1,7 @@
 //! Names of elements, attributes and properties in the format's dialects.
 
 use super::super::description::Kind;
-use super::super::error::{Place, SceneError};
+use super::super::error::{Place, SceneError, shortened};
 
 /// Property names of the 0.x dialect in the form of today: `toWorld` is `to_world`, `intIOR` is `int_ior`.
 pub(super) fn snake_case(name: &str) -> String {
@@ -46,10 +46,7 @@ pub(super) fn check_version(place: &Place, element: &str, version: Option<&str>)
     if known {
         return Ok(());
     }
-    let reason = format!(
-        "`{}` is not a version from 0.4.0 to 3.x",
-        super::values::shortened(version)
-    );
+    let reason = format!("`{}` is not a version from 0.4.0 to 3.x", shortened(version));
     Err(SceneError::value(place, "version", reason))
 }
 
@@ -79,8 +76,7 @@ pub(super) fn unknown_element(place: &Place, element: &str) -> SceneError {
         "transform",
     ];
     let rest = ["default", "include", "path", "ref", "alias"];
-    let allowed = super::list(objects.chain(values).chain(rest));
-    super::unknown(place, "scene", "element", element, &allowed)
+    SceneError::unknown(place, "scene", "element", element, objects.chain(values).chain(rest))
 }
 
 #[cfg(test)]

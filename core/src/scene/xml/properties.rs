@@ -3,7 +3,7 @@
 use super::super::description::Value;
 use super::super::error::{Place, SceneError};
 use super::document::Document;
-use super::{Context, XmlReader, list, names, take, transform, unknown, values};
+use super::{Context, XmlReader, names, take, transform, values};
 use roxmltree::Node;
 
 impl XmlReader<'_, '_> {
@@ -96,8 +96,8 @@ impl XmlReader<'_, '_> {
             }
             let (place, element) = (context.document.place(child), names::operation(child.tag_name().name()));
             let Some((_, allowed)) = transform::OPERATIONS.iter().find(|(name, _)| *name == element) else {
-                let allowed = list(transform::OPERATIONS.iter().map(|(name, _)| *name));
-                return Err(unknown(&place, "<transform>", "element", element, &allowed));
+                let allowed = transform::OPERATIONS.iter().map(|(name, _)| *name);
+                return Err(SceneError::unknown(&place, "<transform>", "element", element, allowed));
             };
             let attributes = self.attributes(context.document, child, allowed)?;
             self.no_children(context.document, child)?;

@@ -1,6 +1,7 @@
 //! Numbers, lists and colours inside attribute values.
 
 use super::super::description::SpectrumValue;
+use super::super::error::shortened;
 use super::super::text;
 use glam::DVec3;
 
@@ -111,14 +112,6 @@ fn sampled(pairs: Vec<(f64, f64)>) -> Result<SpectrumValue, String> {
         return Err(format!("wavelengths must rise, but {} follows {}", w[1].0, w[0].0));
     }
     Ok(SpectrumValue::Sampled(pairs))
-}
-
-/// Text for a message: the first 40 characters.
-pub(super) fn shortened(text: &str) -> String {
-    match text.char_indices().nth(40) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text.to_owned(),
-    }
 }
 
 #[cfg(test)]

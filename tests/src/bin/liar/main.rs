@@ -6,21 +6,15 @@ use photonfarm_core::integrator::{Iteration, Observer, RenderError};
 use photonfarm_core::scene::Wishes;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_core::spectrum::Spectrum;
-use photonfarm_proto::job::BandwidthRange;
+use photonfarm_proto::job::{BandwidthRange, JobSpec};
 use photonfarm_worker::{BundleFiles, CancellationToken, CoreRenderer, LoadedScene, Renderer, Worker, WorkerConfig};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 struct Lying;
 
 impl Renderer for Lying {
-    fn load(
-        &self,
-        files: &BundleFiles,
-        main: &str,
-        defines: &BTreeMap<String, String>,
-    ) -> Result<Arc<dyn LoadedScene>, String> {
-        Ok(Arc::new(LyingScene(CoreRenderer.load(files, main, defines)?)))
+    fn load(&self, files: &BundleFiles, spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String> {
+        Ok(Arc::new(LyingScene(CoreRenderer.load(files, spec)?)))
     }
 }
 

@@ -1,0 +1,313 @@
+//! What loading decides for a scene's author, and what it warns about.
+
+use super::{Limits, Scene, SceneFaults};
+use crate::math::{Vec2, Vec3};
+use crate::settings::{IntegratorSettings, PathSettings, PppmSettings};
+use std::collections::BTreeMap;
+
+const LIGHT: &str = "<emitter type='constant'/>\n";
+const BALL: &str = "<shape type='sphere'><point name='center' value='1 2 3'/></shape>\n";
+
+/// A scene of `body`, which begins in line 2, seen through a sensor.
+fn load(body: &str, sensor: Option<&str>) -> Result<Scene, SceneFaults> {
+    let text = format!("<scene version='3.0.0'>\n{body}</scene>");
+    let files = BTreeMap::from([("main.xml".to_owned(), text.into_bytes())]);
+    Scene::load_sensor(&files, "main.xml", &BTreeMap::new(), sensor, &Limits::default())
+}
+
+fn warnings(scene: &Scene) -> Vec<String> {
+    scene.warnings.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn a_scene_without_a_sensor_is_seen_whole_as_in_mitsuba() {
+    let scene = load(&format!("{LIGHT}{BALL}"), None).unwrap();
+    assert_eq!(scene.film.resolution, [768, 576]);
+    let warnings = warnings(&scene);
+    assert!(
+        warnings.len() == 1 && warnings[0].starts_with("main.xml:1: the scene has no <sensor>"),
+        "{warnings:?}"
+    );
+    // Mitsuba 3.9.1 puts its camera at z = min.z - extent / (2 tan 22.5 degrees) for the bounds (0, 1, 2) to (2, 3, 4).
+    let middle = scene.sensor.ray(Vec2::new(384.0, 288.0), Vec2::ZERO);
+    assert!((middle.direction - Vec3::Z).length() < 1e-6, "{middle:?}");
+    let eye = middle.origin - middle.direction * scene.sensor.clip[0];
+    assert!((eye - Vec3::new(1.0, 2.0, 2.0 - 2.414_213_6)).length() < 1e-5, "{eye}");
+    let left = scene.sensor.ray(Vec2::new(0.0, 288.0), Vec2::ZERO).direction;
+    assert!((left.angle_between(Vec3::Z).to_degrees() - 22.5).abs() < 1e-4);
+    assert!((scene.sensor.clip[1] - 12.414_213).abs() < 1e-4);
+}
+
+#[test]
+fn of_several_sensors_the_first_or_the_one_that_is_named_is_taken() {
+    let at = |id: &str, x: i32| {
+        format!("<sensor type='perspective'{id}><transform name='to_world'><translate x='{x}'/></transform></sensor>\n")
+    };
+    let body = format!(
+        "{}{}{}{LIGHT}{BALL}",
+        at("", 1),
+        at(" id='left'", 2),
+        "<sensor type='spherical' id='2'/>\n"
+    );
+    let eye = |sensor| {
+        let scene = load(&body, sensor).unwrap();
+        let ray = scene.sensor.ray(Vec2::ZERO, Vec2::ZERO);
+        let eye = ray.origin - ray.direction * (scene.sensor.clip[0] / ray.direction.z);
+        (eye.x.round(), warnings(&scene))
+    };
+    let (x, warnings) = eye(None);
+    assert_eq!(x, 1.0);
+    assert_eq!(
+        warnings,
+        [
+            "main.xml:2: the first of the scene's 3 sensors is taken; --sensor chooses another, by number or id: 1, 2 or `left`, 3 or `2`"
+        ]
+    );
+    assert_eq!(eye(Some("1")), (1.0, vec![]));
+    assert_eq!(eye(Some("left")), (2.0, vec![]));
+    // An id wins over a number, and only the chosen sensor need be one that exists here.
+    assert!(
+        load(&body, Some("2"))
+            .unwrap_err()
+            .to_string()
+            .starts_with("main.xml:4: <sensor type=\"spherical\">")
+    );
+    for bad in ["0", "4", "right", ""] {
+        let error = load(&body, Some(bad)).unwrap_err().to_string();
+        assert!(
+            error.starts_with(&format!("main.xml: <scene>: unknown sensor `{bad}`; allowed: 1, 2 or")),
+            "{error}"
+        );
+    }
+    let error = load(&format!("{LIGHT}{BALL}"), Some("1")).unwrap_err().to_string();
+    assert!(error.contains("none: the scene has no sensor"), "{error}");
+}
+
+/// A camera at the origin that looks along -z, with `up` in `up`; a ball before it, of `bsdf`.
+fn room(up: &str, ball: &str, lamp: &str) -> String {
+    format!(
+        "<sensor type='perspective'><transform name='to_world'><lookat origin='0,0,9' target='0,0,0' up='{up}'/></transform></sensor>\n\
+         <shape type='sphere'>{ball}</shape>\n{lamp}\n"
+    )
+}
+
+fn only_warning(body: &str, start: &str) {
+    let warnings = warnings(&load(body, None).unwrap());
+    assert!(
+        warnings.len() == 1 && warnings[0].starts_with(start),
+        "{body}\n{warnings:?}"
+    );
+}
+
+#[test]
+fn what_is_probably_not_meant_is_warned_about() {
+    let light = LIGHT.trim();
+    for good in [
+        room("0 1 0", "", light),
+        room("0 0.1 0.5", "", light),
+        room(
+            "1 0 0",
+            "",
+            "<emitter type='directional'><rgb name='irradiance' value='1e5'/></emitter>",
+        ),
+        // Small and bright, and all in all a lamp of 400 W.
+        room(
+            "0 1 0",
+            "",
+            "<shape type='sphere'><float name='radius' value='1e-4'/><emitter type='area'><rgb name='radiance' value='1e9'/></emitter></shape>",
+        ),
+    ] {
+        assert_eq!(warnings(&load(&good, None).unwrap()), Vec::<String>::new(), "{good}");
+    }
+    only_warning(&room("0 -1 0", "", light), "main.xml:2: the camera stands on its head");
+    for (lamp, line) in [
+        (
+            "<emitter type='directional'><rgb name='irradiance' value='1e8'/></emitter>",
+            4,
+        ),
+        ("<emitter type='point'><rgb name='intensity' value='1e8'/></emitter>", 4),
+        (
+            "<emitter type='constant'><rgb name='radiance' value='1e8'/></emitter>",
+            4,
+        ),
+        (
+            "<shape type='sphere'>\n<emitter type='area'><rgb name='radiance' value='1e8'/></emitter></shape>",
+            5,
+        ),
+    ] {
+        let start = format!("main.xml:{line}: this light alone gives");
+        only_warning(&room("0 1 0", "", lamp), &start);
+    }
+    let red = "<bsdf type='diffuse'>\n<spectrum name='reflectance' value='400:0.2 700:1.4'/></bsdf>";
+    only_warning(
+        &room("0 1 0", red, light),
+        "main.xml:4: no surface reflects more than arrives",
+    );
+}
+
+#[test]
+fn an_image_of_colours_that_is_read_raw_is_warned_about() {
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::RgbImage::from_pixel(2, 2, image::Rgb([128; 3]))
+        .write_to(&mut png, image::ImageFormat::Png)
+        .unwrap();
+    let ball = "<bsdf type='diffuse'><texture type='bitmap' name='reflectance'><string name='filename' value='a.png'/>\n\
+                <boolean name='raw' value='RAW'/></texture></bsdf>";
+    let load = |raw: &str| {
+        let body = room("0 1 0", &ball.replace("RAW", raw), LIGHT.trim());
+        let text = format!("<scene version='3.0.0'>\n{body}</scene>");
+        let files = BTreeMap::from([
+            ("main.xml".to_owned(), text.into_bytes()),
+            ("a.png".to_owned(), png.get_ref().clone()),
+        ]);
+        warnings(&Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default()).unwrap())
+    };
+    assert_eq!(load("false"), Vec::<String>::new());
+    assert!(load("true")[0].starts_with("main.xml:4: `raw` takes the sRGB values"));
+}
+
+#[test]
+fn path_tracing_of_glass_and_a_small_lamp_comes_with_a_hint() {
+    let path = IntegratorSettings::Path(PathSettings::default());
+    let glass = "<bsdf type='dielectric'/>";
+    let point = "<emitter type='point'><point name='position' x='0' y='5' z='0'/></emitter>";
+    let hints = |ball: &str, lamp: &str, settings: &IntegratorSettings| {
+        load(&room("0 1 0", ball, lamp), None).unwrap().hints(settings).len()
+    };
+    let scene = load(&room("0 1 0", glass, point), None).unwrap();
+    assert!(
+        scene.hints(&path)[0]
+            .to_string()
+            .starts_with("main.xml:4: `path` finds"),
+        "{:?}",
+        scene.hints(&path)
+    );
+    assert_eq!(
+        hints(glass, point, &IntegratorSettings::Pppm(PppmSettings::default())),
+        0
+    );
+    assert_eq!(hints("", point, &path), 0);
+    assert_eq!(hints(glass, LIGHT.trim(), &path), 0);
+    for (size, expected) in [("0.005", 1), ("0.5", 0)] {
+        let lamp = format!(
+            "<shape type='rectangle'><transform name='to_world'><scale value='{size}'/></transform><emitter type='area'/></shape>"
+        );
+        assert_eq!(hints(glass, &lamp, &path), expected, "{size}");
+    }
+}
+
+#[test]
+fn a_black_picture_has_a_reason() {
+    let path = |max_depth| {
+        IntegratorSettings::Path(PathSettings {
+            max_depth,
+            ..Default::default()
+        })
+    };
+    let why = |body: &str, max_depth| load(body, None).unwrap().why_black(&path(max_depth));
+    let point = "<emitter type='point'><point name='position' x='0' y='0' z='20'/></emitter>";
+    let away = room("0 1 0", "", point).replace("target='0,0,0'", "target='0,0,20'");
+    assert!(
+        why(&away, None).starts_with("the camera meets no shape: it looks from [0, 0, 9"),
+        "{}",
+        why(&away, None)
+    );
+    assert!(why(&room("0 1 0", "", point), Some(1)).starts_with("`max_depth` is 1"));
+    let inside_out = room("0 1 0", "<boolean name='flip_normals' value='true'/>", point);
+    assert!(why(&inside_out, None).starts_with("the camera sees only the backs"));
+    let behind = room("0 1 0", "", &point.replace("'20'", "'-20'"));
+    assert!(
+        why(&behind, None).starts_with("no light shines directly"),
+        "{}",
+        why(&behind, None)
+    );
+    let black = "<bsdf type='diffuse'><rgb name='reflectance' value='0'/></bsdf>";
+    assert!(why(&room("0 1 0", black, point), None).starts_with("what the camera sees is lit"));
+}
+
+#[test]
+fn all_faults_are_told_together_and_each_once() {
+    let body = "\
+        <sensor type='perspective'><float name='fov' value='190'/><film type='hdrfilm'><integer name='widht' value='9'/></film></sensor>\n\
+        <bsdf type='difuse' id='wall'/><bsdf type='dielectric' id='glass'><string name='int_ior' value='watter'/></bsdf>\n\
+        <shape type='sphere'><float name='radius' value='big'/><float name='centre' value='1'/><ref id='wal'/></shape>\n\
+        <shape type='obj'><string name='filename' value='a.obj'/><boolean name='face_normal' value='true'/><ref id='wall'/></shape>\n\
+        <shape type='obj'><string name='filename' value='a.obj'/><ref id='wall'/></shape>\n\
+        <shape type='cube'><transform name='to_wrold'/><string name='flip_normals' value='yes'/><ref id='glass'/></shape>\n\
+        <include filename='part.xml'/>\n\
+        <emitter type='point'><rgb name='intensity' value='-1'/><rgb name='intensty' value='1'/></emitter>\n";
+    let text = format!("<scene version='3.0.0'>\n{body}</scene>");
+    let part = b"<scene version='3.0.0'>\n<sphere/>\n<shape type='sphere'><bsdf type='conductor'><string name='material' value='au'/></bsdf></shape></scene>";
+    let files = BTreeMap::from([
+        ("main.xml".to_owned(), text.into_bytes()),
+        ("part.xml".to_owned(), part.to_vec()),
+        ("a.obj".to_owned(), b"v 1 2 x\n".to_vec()),
+    ]);
+    let faults = Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default()).unwrap_err();
+    let expected = [
+        ("main.xml:4: <float name=\"radius\"> value: `big`", ""),
+        ("part.xml:2: scene: unknown element `sphere`", "shape"),
+        ("main.xml:4: id `wal`", "did you mean `wall`?"),
+        (
+            "main.xml:2: <film type=\"hdrfilm\">: unknown property `widht`",
+            "did you mean `width`?",
+        ),
+        ("main.xml:2: <sensor type=\"perspective\"> `fov`: 190", ""),
+        ("main.xml:3: <bsdf>: unknown type `difuse`", "did you mean `diffuse`?"),
+        (
+            "main.xml:3: <bsdf type=\"dielectric\"> `int_ior`",
+            "did you mean `water`?",
+        ),
+        (
+            "main.xml:4: <shape type=\"sphere\">: unknown property `centre`",
+            "did you mean `center`?",
+        ),
+        (
+            "main.xml:5: <shape type=\"obj\">: unknown property `face_normal`",
+            "did you mean `face_normals`?",
+        ),
+        ("a.obj:1: `v`: `x` is not a finite number", ""),
+        ("main.xml:7: <shape type=\"cube\"> `flip_normals`: expected", ""),
+        (
+            "main.xml:7: <shape type=\"cube\">: unknown property `to_wrold`",
+            "did you mean `to_world`?",
+        ),
+        ("part.xml:3: <bsdf type=\"conductor\"> `material`", "did you mean `Au`?"),
+        ("main.xml:9: <emitter type=\"point\"> `intensity`", "negative"),
+        (
+            "main.xml:9: <emitter type=\"point\">: unknown property `intensty`",
+            "did you mean `intensity`?",
+        ),
+    ];
+    let told: Vec<String> = faults.all().iter().map(ToString::to_string).collect();
+    for (fault, (start, part)) in told.iter().zip(expected) {
+        assert!(
+            fault.starts_with(start) && fault.contains(part),
+            "expected `{start}` ... `{part}` in\n{faults}"
+        );
+    }
+    assert_eq!(told.len(), expected.len(), "{faults}");
+    assert!(faults.to_string().starts_with("15 faults:\n  main.xml:4: "));
+}
+
+#[test]
+fn what_follows_from_a_lost_part_is_not_told() {
+    let body = "<include filename='lost.xml'/>\n<shape type='sphere'><float name='radius' value='$size'/><ref id='glass'/></shape>\n";
+    let faults = load(body, None).unwrap_err();
+    assert!(
+        faults.all().len() == 1
+            && faults
+                .to_string()
+                .starts_with("main.xml:2: file `lost.xml` was not found"),
+        "{faults}"
+    );
+    let many: String = (0..30).map(|i| format!("<blob{i}/>\n")).collect();
+    let faults = load(&many, None).unwrap_err();
+    assert_eq!(faults.all().len(), 21);
+    assert!(
+        faults.all()[20]
+            .to_string()
+            .contains("number of faults: 21 is over the limit of 20"),
+        "{faults}"
+    );
+}
