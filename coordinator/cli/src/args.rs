@@ -416,7 +416,7 @@ pub(crate) struct JobArgs {
     pub(crate) set: Vec<(String, String)>,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
-    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "set"])]
+    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "sensor", "set"])]
     pub(crate) from: Option<PathBuf>,
 }
 
