@@ -3,8 +3,9 @@
 use crate::id::{BlobHash, WorkerId};
 use crate::job::JobStatus;
 use crate::limits::Limits;
+use crate::waiting::Waiting;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use utoipa::ToSchema;
 
 /// Header that makes the creation of a job repeatable: the same key and the same request give the same job.
@@ -103,11 +104,29 @@ pub struct Quarantine {
     pub reason: String,
 }
 
-/// Reply of a healthy coordinator.
+/// What keeps the whole farm from going on, or from taking new jobs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Obstacle {
+    /// What is affected: `state`, `images` or `scenes`.
+    pub part: String,
+    /// What is the matter.
+    pub reason: Waiting,
+    /// The same for people.
+    pub detail: String,
+}
+
+/// How a coordinator is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Health {
-    /// `ok`.
+    /// `ok`, or `failing` where there is an obstacle.
     pub status: String,
+    /// What keeps the whole farm from going on.
+    #[serde(default)]
+    pub obstacles: Vec<Obstacle>,
+    /// How many jobs nobody is at work on, by the reason, as of a few seconds ago.
+    #[serde(default)]
+    #[schema(value_type = Object)]
+    pub waiting: BTreeMap<Waiting, u64>,
     /// Version of the coordinator, and of the renderer that it accepts.
     pub version: String,
     /// What the farm accepts.

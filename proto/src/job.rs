@@ -2,6 +2,7 @@
 
 use crate::id::{BlobHash, JobId, WorkerId};
 use crate::schedule::{Checkpoint, Schedule, Stop};
+use crate::waiting::Waiting;
 use photonfarm_core::integrator::Counts;
 use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
 use serde::{Deserialize, Serialize};
@@ -254,4 +255,7 @@ pub struct JobStatus {
     /// Why nobody is at work on it, while nobody is.
     #[serde(default)]
     pub waiting: Option<String>,
+    /// The same for programs.
+    #[serde(default)]
+    pub waiting_reason: Option<Waiting>,
 }

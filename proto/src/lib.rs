@@ -15,6 +15,7 @@ pub mod planes;
 pub mod problem;
 pub mod schedule;
 pub mod token;
+pub mod waiting;
 pub mod worker;
 
 /// Version of this program: coordinator and workers must have the same.

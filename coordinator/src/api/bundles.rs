@@ -3,7 +3,7 @@
 use super::extract::{Id, JsonBody};
 use super::guard::By;
 use super::{ApiError, App};
-use crate::service::ServiceError;
+use crate::service::{Part, ServiceError};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
@@ -51,8 +51,9 @@ pub(super) async fn upload(
     Id(hash): Id<BlobHash>,
     body: Body,
 ) -> Result<StatusCode, ApiError> {
-    let new = service.put_blob(hash, body.into_data_stream()).await?;
-    Ok(if new {
+    let stored = service.put_blob(hash, body.into_data_stream()).await;
+    service.note(Part::Scenes, &stored);
+    Ok(if stored? {
         StatusCode::CREATED
     } else {
         StatusCode::NO_CONTENT

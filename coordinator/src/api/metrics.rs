@@ -1,10 +1,12 @@
 //! Figures of the farm in the text format of Prometheus, for dashboards and for scaling the number of workers.
 
 use super::{ApiError, App};
+use crate::service::Part;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
 use photonfarm_proto::job::{JobState, JobStatus};
+use photonfarm_proto::waiting::Waiting;
 use std::fmt::Write;
 use std::sync::atomic::Ordering;
 
@@ -52,6 +54,38 @@ pub(super) async fn metrics(State(service): State<App>) -> Result<impl IntoRespo
         "Leases of the usual length that the pending iterations make.",
         going_on().map(|job| pending_leases(job, target_s)).sum(),
     );
+    let waits = |reason: Waiting| jobs.iter().filter(|job| job.waiting_reason == Some(reason)).count();
+    let waiting = Waiting::ALL.map(|reason| (format!("reason=\"{reason}\""), waits(reason) as u64));
+    let name = "jobs_waiting";
+    family(
+        &mut text,
+        name,
+        "gauge",
+        "Jobs that nobody is at work on, by the reason.",
+        &waiting,
+    );
+    let failing: Vec<Part> = service.found_obstacles().into_iter().map(|(part, _)| part).collect();
+    let stores = Part::ALL.map(|part| (format!("part=\"{}\"", part.name()), failing.contains(&part).into()));
+    family(
+        &mut text,
+        "store_failing",
+        "gauge",
+        "Whether a part of the stores fails now.",
+        &stores,
+    );
+    let failures = Part::ALL.map(|part| {
+        let [full, away] = service.failures(part);
+        let label = |reason: Waiting| format!("part=\"{}\",reason=\"{reason}\"", part.name());
+        [(label(Waiting::DiskFull), full), (label(Waiting::StoreAway), away)]
+    });
+    let help = "Failures of the stores since the start.";
+    family(
+        &mut text,
+        "store_failures_total",
+        "counter",
+        help,
+        failures.as_flattened(),
+    );
     let refused = service.refused_connections.load(Ordering::Relaxed);
     let _ = write!(
         text,
@@ -59,6 +93,18 @@ pub(super) async fn metrics(State(service): State<App>) -> Result<impl IntoRespo
          # TYPE photonfarm_connections_refused_total counter\nphotonfarm_connections_refused_total {refused}\n"
     );
     Ok(([(header::CONTENT_TYPE, MEDIA_TYPE)], text))
+}
+
+/// Figures of one name that differ by their labels.
+fn family(text: &mut String, name: &str, kind: &str, help: &str, figures: &[(String, u64)]) {
+    // Writing to a string does not fail.
+    let _ = write!(
+        text,
+        "# HELP photonfarm_{name} {help}\n# TYPE photonfarm_{name} {kind}\n"
+    );
+    for (labels, value) in figures {
+        let _ = writeln!(text, "photonfarm_{name}{{{labels}}} {value}");
+    }
 }
 
 fn pending_iterations(job: &JobStatus) -> u64 {

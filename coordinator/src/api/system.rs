@@ -1,12 +1,11 @@
 //! The farm itself: workers, health, and the description of this interface.
 
 use super::{ApiError, App};
-use crate::service::VERSION;
+use crate::service::{Part, VERSION};
 use axum::Json;
 use axum::extract::State;
 use photonfarm_proto::api::{Health, WorkerList};
-use photonfarm_proto::problem::PROBLEM_MEDIA_TYPE;
-use photonfarm_proto::problem::Problem;
+use photonfarm_proto::problem::{ErrorCode, PROBLEM_MEDIA_TYPE, Problem};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, Ref, Response, ResponseBuilder};
@@ -20,12 +19,19 @@ pub(super) async fn workers(State(service): State<App>) -> Result<Json<WorkerLis
     }))
 }
 
-/// Whether the coordinator can use its stores, and what it accepts.
+/// Whether the coordinator can use its stores, why jobs wait, and what it accepts. It is as of a few seconds ago, and
+/// costs nothing.
 #[utoipa::path(get, path = "/v1/healthz", responses((status = 200, body = Health), (status = "5XX", body = Problem)))]
 pub(super) async fn health(State(service): State<App>) -> Result<Json<Health>, ApiError> {
-    service.list_jobs(None, Some(1)).await?;
+    let found = service.found_obstacles();
+    if let Some((_, obstacle)) = found.iter().find(|(part, _)| *part == Part::Answers) {
+        return Err(Problem::new(ErrorCode::Unavailable, obstacle.detail.clone()).into());
+    }
+    let status = if found.is_empty() { "ok" } else { "failing" };
     Ok(Json(Health {
-        status: "ok".into(),
+        status: status.into(),
+        obstacles: found.into_iter().map(|(_, obstacle)| obstacle).collect(),
+        waiting: service.jobs_waiting(),
         version: VERSION.into(),
         farm: service.identity(),
         limits: service.limits.clone(),

@@ -4,6 +4,7 @@ use super::extract::{Framed, expect_media_type};
 use super::spool::Spool;
 use super::{ApiError, App};
 use crate::scheduler::Delivered;
+use crate::service::{Part, ServiceError};
 use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::header::CONTENT_TYPE;
@@ -48,7 +49,9 @@ pub(super) async fn heartbeat(
 
 pub(super) async fn upload(State(service): State<App>, request: Request) -> Result<Framed<NodeReply>, ApiError> {
     expect_media_type(request.headers(), MESSAGE_MEDIA_TYPE)?;
-    let delivered = service.upload(request.into_body().into_data_stream()).await?;
+    let delivered = service.upload(request.into_body().into_data_stream()).await;
+    note_images(&service, &delivered);
+    let delivered = delivered?;
     Ok(Framed(NodeReply {
         duplicate: delivered == Delivered::Duplicate,
     }))
@@ -65,7 +68,9 @@ pub(super) async fn stored(
     State(service): State<App>,
     Framed(upload): Framed<NodeUpload>,
 ) -> Result<Framed<NodeReply>, ApiError> {
-    let delivered = service.stored(upload).await?;
+    let delivered = service.stored(upload).await;
+    note_images(&service, &delivered);
+    let delivered = delivered?;
     Ok(Framed(NodeReply {
         duplicate: delivered == Delivered::Duplicate,
     }))
@@ -111,4 +116,11 @@ pub(super) async fn leave(
 ) -> Result<Framed<Acknowledged>, ApiError> {
     service.leave(leave.worker).await?;
     Ok(Framed(Acknowledged))
+}
+
+/// A delivery says whether images can be stored; one that was there already was not stored.
+fn note_images(service: &App, delivered: &Result<Delivered, ServiceError>) {
+    if !matches!(delivered, Ok(Delivered::Duplicate)) {
+        service.note(Part::Images, delivered);
+    }
 }

@@ -1,10 +1,12 @@
 //! How far a job has come, and why nobody is at work on it.
 
+use super::block::Taker;
 use super::record::{Millis, WorkerRecord};
 use super::{Farm, Job, SchedulerConfig};
 use photonfarm_proto::id::WorkerId;
-use photonfarm_proto::job::{JobStatus, Poisoned};
+use photonfarm_proto::job::{Attempt, JobStatus, Poisoned};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::waiting::Waiting;
 use std::collections::BTreeMap;
 
 impl Job {
@@ -51,6 +53,7 @@ impl Job {
             checkpoint: self.control.checkpoint,
             stop: self.control.stop,
             waiting: None,
+            waiting_reason: None,
         }
     }
 }
@@ -59,8 +62,10 @@ impl Farm {
     /// How far a job that has not ended has come.
     #[must_use]
     pub fn status(&self, job: &Job, now: Millis) -> JobStatus {
+        let (waiting_reason, waiting) = self.waiting(job, now).unzip();
         JobStatus {
-            waiting: self.waiting(job, now),
+            waiting,
+            waiting_reason,
             ..job.status(&self.config)
         }
     }
@@ -75,52 +80,93 @@ impl Farm {
     }
 
     /// Why nobody is at work on a job, while nobody is.
-    fn waiting(&self, job: &Job, now: Millis) -> Option<String> {
-        if !job.leases.is_empty() || job.done() == job.leaves() && job.nodes_in_doubt().next().is_none() {
+    fn waiting(&self, job: &Job, now: Millis) -> Option<(Waiting, String)> {
+        if !job.leases.is_empty() {
             return None;
         }
+        let merging = || (Waiting::Merging, "its iterations are being added up".to_owned());
+        if job.done() == job.leaves() && job.nodes_in_doubt().next().is_none() {
+            return Some(merging());
+        }
         if job.is_paused() {
-            return Some("it is paused".into());
+            return Some((Waiting::Paused, "it is paused".into()));
         }
         let records = self.workers.values().filter(|worker| !self.is_silent(worker, now));
         let connected: Vec<&WorkerRecord> = records.map(|worker| &worker.record).collect();
-        self.nobody_for(job, &connected).or_else(|| {
-            let disputed = job.nodes_in_doubt().find(|node| job.is_disputed(*node));
-            let workers: Vec<WorkerId> = self.workers_for(job, now).collect();
-            match disputed {
-                Some(node) if workers.iter().all(|worker| job.has_opinion(node, *worker)) => Some(format!(
-                    "workers disagree about iterations {} to {}, and another worker is needed to decide",
-                    node.first() + 1,
-                    node.end()
-                )),
-                _ => Some("its turn has not come, or an iteration that failed is tried again soon".into()),
-            }
-        })
+        let reason = self.nobody_for(job, &connected).or_else(|| self.nothing_for(job, now));
+        Some(reason.unwrap_or_else(merging))
+    }
+
+    /// Why none of the workers that could work on a job has work on it; nothing where there is none left.
+    fn nothing_for(&self, job: &Job, now: Millis) -> Option<(Waiting, String)> {
+        let workers: Vec<WorkerId> = self.workers_for(job, now).collect();
+        let could = |worker: &WorkerId| {
+            let taker = Taker {
+                worker: *worker,
+                all: &workers,
+                now,
+                config: &self.config,
+            };
+            job.next_doubt(*worker).or_else(|| job.next_block(&taker)).is_some()
+        };
+        // Workers differ only in what they failed at, and in what they have said already.
+        let differ = !job.failures.is_empty() || job.nodes_in_doubt().next().is_some();
+        if workers.iter().take(if differ { workers.len() } else { 1 }).any(could) {
+            return Some((Waiting::Turn, "its turn has not come".into()));
+        }
+        let range = |node: NodeKey| format!("{} to {}", node.first() + 1, node.end());
+        let known = |node: &NodeKey| workers.iter().all(|worker| job.has_opinion(*node, *worker));
+        if let Some(node) = job.nodes_in_doubt().filter(known).find(|node| job.is_disputed(*node)) {
+            let detail = "and another worker is needed to decide";
+            let detail = format!("workers disagree about iterations {}, {detail}", range(node));
+            return Some((Waiting::Dispute, detail));
+        }
+        let covered = |leaf: u32| job.covering(NodeKey::leaf(leaf)).is_some();
+        let open = |(leaf, attempts): &(&u32, &Vec<Attempt>)| {
+            u64::from(**leaf) < job.leaves() && !covered(**leaf) && !self.config.is_poisoned(attempts)
+        };
+        if let Some((leaf, attempts)) = job.failures.iter().find(open) {
+            let times = attempts.len();
+            let detail = format!(
+                "iteration {} failed (attempts so far: {times}), and rests before it is tried again",
+                leaf + 1
+            );
+            return Some((Waiting::Rest, detail));
+        }
+        let node = job.nodes_in_doubt().next()?;
+        let detail = format!("iterations {} wait for another worker to confirm them", range(node));
+        Some((Waiting::Doubt, detail))
     }
 
     /// Which of the job's demands no connected worker meets.
-    fn nobody_for(&self, job: &Job, connected: &[&WorkerRecord]) -> Option<String> {
+    fn nobody_for(&self, job: &Job, connected: &[&WorkerRecord]) -> Option<(Waiting, String)> {
         if connected.is_empty() {
-            return Some("no worker is connected".into());
+            return Some((Waiting::NoWorker, "no worker is connected".into()));
         }
         let (tags, bound) = (&job.control.schedule.tags, &job.control.renderer);
         let tagged: Vec<_> = connected.iter().filter(|worker| tags.is_subset(&worker.tags)).collect();
         if tagged.is_empty() {
             let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
-            return Some(format!("no worker has the tags {}", tags.join(", ")));
+            return Some((Waiting::Tags, format!("no worker has the tags {}", tags.join(", "))));
         }
         let same = |worker: &&&&WorkerRecord| bound.as_ref().is_none_or(|bound| *bound == worker.renderer);
         let built: Vec<_> = tagged.iter().filter(same).collect();
         if built.is_empty() {
             let bound = bound.as_deref().unwrap_or_default();
             let found = &tagged[0].renderer;
-            return Some(format!(
+            let detail = format!(
                 "it is bound to renderer {bound}, and workers have others, such as {found}: start workers of that build, or have \
                  it rendered anew with `photonfarm resubmit {}`",
                 job.id()
-            ));
+            );
+            return Some((Waiting::Renderer, detail));
         }
         let held = built.iter().all(|worker| worker.standing.quarantine.is_some());
-        held.then(|| "every worker that could do it is in quarantine".into())
+        held.then(|| {
+            (
+                Waiting::Quarantine,
+                "every worker that could do it is in quarantine".into(),
+            )
+        })
     }
 }

@@ -1,7 +1,7 @@
 //! Nodes become one, until only maximal nodes are left; then a complete job ends.
 
 use super::merge::{AddError, Merge, Unusable, add_up};
-use super::{Service, ServiceError};
+use super::{Part, Service, ServiceError};
 use crate::scheduler::record::BlobName;
 use crate::scheduler::{Farm, Job};
 use crate::store;
@@ -33,7 +33,9 @@ impl Service {
     }
 
     async fn fold_and_log(self: &Arc<Self>, job: JobId) {
-        if let Err(error) = self.fold(job).await {
+        let folded = self.fold(job).await;
+        if let Err(error) = &folded {
+            self.note(Part::Images, &folded);
             tracing::error!(%job, %error, "nodes could not be merged; it is tried again");
         }
     }
@@ -76,7 +78,11 @@ impl Service {
                 Err(AddError::Store(error)) => return Err(error.into()),
             }
             let publication = self.publication().await;
-            let sum = store::put(&*self.stores.nodes, &image, store::new_copy()?).await?;
+            let stored = store::put(&*self.stores.nodes, &image, store::new_copy()?)
+                .await
+                .map_err(ServiceError::from);
+            self.note(Part::Images, &stored);
+            let sum = stored?;
             let merge = move |farm: &Farm, _| Ok(farm.merge(job, node, sum));
             if !self.transact_until(publication.last, merge).await? {
                 self.discard(job, sum);

@@ -163,7 +163,11 @@ impl Service {
     pub(crate) async fn live_statuses(self: &Arc<Self>) -> Result<Vec<JobStatus>, ServiceError> {
         let cell = self.fresh_farm().await?;
         let now = self.clock.now();
-        Ok(cell.farm.jobs().map(|job| cell.farm.status(job, now)).collect())
+        Ok(cell
+            .farm
+            .jobs()
+            .map(|job| self.held_up(cell.farm.status(job, now)))
+            .collect())
     }
 
     /// How long a lease should take [s].
@@ -256,7 +260,7 @@ impl Service {
         let jobs: Vec<JobStatus> = records
             .into_iter()
             .map(|record| match cell.farm.job(record.head.id) {
-                Some(job) => cell.farm.status(job, now),
+                Some(job) => self.held_up(cell.farm.status(job, now)),
                 None => Job::from_record(record).status(config),
             })
             .collect();

@@ -12,6 +12,7 @@ mod journal;
 mod merge;
 mod nodes;
 mod noise;
+mod obstacles;
 mod shared;
 #[cfg(test)]
 mod shared_tests;
@@ -25,6 +26,7 @@ mod workers;
 
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture};
+pub(crate) use obstacles::Part;
 
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
@@ -77,6 +79,7 @@ pub struct Service {
     uploads: Semaphore,
     pictures: Semaphore,
     shared: shared::Shared,
+    obstacles: obstacles::Obstacles,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
@@ -120,6 +123,7 @@ impl Service {
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
             shared: shared::Shared::default(),
+            obstacles: obstacles::Obstacles::default(),
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
         });
@@ -136,6 +140,7 @@ impl Service {
     pub async fn run(self: Arc<Self>, step: Duration) {
         let mut stopping = self.stopping.subscribe();
         let follower = tokio::spawn(self.clone().follow());
+        let looker = tokio::spawn(self.clone().look_around());
         let mut swept = Instant::now();
         loop {
             let step = async {
@@ -156,6 +161,7 @@ impl Service {
             }
         }
         follower.abort();
+        looker.abort();
     }
 
     /// What the clock makes happen. Where several coordinators share the farm, one of them does it.
@@ -224,7 +230,14 @@ impl Service {
                 if now > last {
                     return Err(garbage::too_late());
                 }
-                match service.stores.state.commit(cell.sequence, changes.clone()).await {
+                let kept = service
+                    .stores
+                    .state
+                    .commit(cell.sequence, changes.clone())
+                    .await
+                    .map_err(ServiceError::from);
+                service.note(Part::State, &kept);
+                match kept {
                     Ok(Commit::Kept(sequence)) => {
                         cell.sequence = sequence;
                         service.apply(&mut cell, &changes, now);
@@ -233,7 +246,7 @@ impl Service {
                     Ok(Commit::Behind) => _ = service.catch_up(&mut cell).await?,
                     Err(error) => {
                         cell.stale = true;
-                        return Err(error.into());
+                        return Err(error);
                     }
                 }
             }
@@ -333,7 +346,7 @@ impl Service {
     pub async fn status(self: &Arc<Self>, id: JobId) -> Result<JobStatus, ServiceError> {
         let cell = self.fresh_farm().await?;
         if let Some(job) = cell.farm.job(id) {
-            return Ok(cell.farm.status(job, self.clock.now()));
+            return Ok(self.held_up(cell.farm.status(job, self.clock.now())));
         }
         let config = cell.farm.config().clone();
         drop(cell);

@@ -4,7 +4,7 @@ use super::*;
 use crate::access::Caller;
 use crate::scheduler::Delivered;
 use crate::store::memory::{MemoryStore, NextCommit};
-use crate::store::{self, FolderStore, ObjectBlobs};
+use crate::store::{self, FolderStore, ObjectBlobs, StoreError};
 use axum::body::Bytes;
 use futures_util::stream;
 use photonfarm_core::film::Node;
@@ -15,7 +15,8 @@ use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, encode_node};
-use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::waiting::Waiting;
 use photonfarm_proto::worker::{Lease, LeaseRequest, NodePlace, NodeUpload, Register, frame_upload};
 use photonfarm_test_servers::S3;
 use std::convert::Infallible;
@@ -399,4 +400,49 @@ async fn nodes_that_workers_store_are_believed_only_when_read() {
     world.service.fold_all().await;
     let status = world.service.status(world.job).await.unwrap();
     assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));
+}
+
+/// A full disk is said of each job that it keeps from going on, and is over as soon as something was stored.
+#[tokio::test]
+async fn a_full_disk_is_what_jobs_wait_for() {
+    let world = World::new(2).await;
+    let service = &world.service;
+    let waiting = async || {
+        let status = service.status(world.job).await.unwrap();
+        (status.waiting_reason, status.waiting.unwrap_or_default())
+    };
+    let before = waiting().await;
+    let fails = |kind: std::io::ErrorKind| {
+        let (path, source) = ("x".into(), kind.into());
+        Err::<(), _>(ServiceError::from(StoreError::Io { path, source }))
+    };
+    service.note(Part::Images, &fails(std::io::ErrorKind::StorageFull));
+    assert_eq!(
+        waiting().await,
+        (Some(Waiting::DiskFull), "the disk of the images is full".into())
+    );
+    service.note(Part::Images, &fails(std::io::ErrorKind::Other));
+    assert_eq!(
+        waiting().await,
+        (Some(Waiting::StoreAway), "images cannot be stored".into())
+    );
+    assert_eq!(service.failures(Part::Images), [1, 1]);
+    service.note(
+        Part::Images,
+        &Err::<(), _>(Problem::new(ErrorCode::Malformed, "").into()),
+    );
+    assert_eq!(
+        service.found_obstacles().len(),
+        1,
+        "a bad request says nothing of the disk"
+    );
+    service.note(Part::Images, &Ok(()));
+    service.note(Part::Scenes, &fails(std::io::ErrorKind::StorageFull));
+    assert_eq!(waiting().await, before, "no job needs room for scenes");
+    let away = StoreError::Connection("refused".into());
+    service.note(Part::Images, &Err::<(), _>(ServiceError::from(away)));
+    assert_eq!(
+        waiting().await,
+        (Some(Waiting::StoreAway), "the state cannot be written".into())
+    );
 }

@@ -231,6 +231,12 @@ async fn metrics_tell_the_work_that_is_left() {
         (9, 9)
     );
     assert_eq!((figure("jobs_queued").await, figure("jobs_running").await), (1, 0));
+    assert_eq!(figure("jobs_waiting{reason=\"no-worker\"}").await, 1);
+    assert_eq!(figure("jobs_waiting{reason=\"disk-full\"}").await, 0);
+    assert_eq!(
+        figure("store_failures_total{part=\"images\",reason=\"disk-full\"}").await,
+        0
+    );
     let chain = closed.submit_by("sppm", &closed.admin, 5).await;
     assert_eq!(chain.status(), StatusCode::CREATED);
     assert_eq!(

@@ -3,6 +3,7 @@
 use super::*;
 use crate::store::memory::Rows;
 use photonfarm_proto::schedule::Schedule;
+use photonfarm_proto::waiting::Waiting;
 
 const JOB: JobId = JobId(1);
 
@@ -401,4 +402,38 @@ fn an_iteration_that_failed_rests_and_goes_to_another_worker() {
         grant(&mut farm, 1, &[], 7_000).is_some(),
         "nobody is left who did not fail"
     );
+}
+
+/// Whatever keeps a job from going on is said, and it is one thing.
+#[test]
+fn a_job_that_waits_says_for_what() {
+    let mut farm = Farm::restore(SchedulerConfig::default(), Snapshot::default(), 0);
+    let job = submit(&mut farm, 1, "", Schedule::default());
+    let reason = |farm: &Farm, now| farm.status(farm.job(job).unwrap(), now).waiting_reason;
+    assert_eq!(reason(&farm, 0), Some(Waiting::NoWorker));
+    commit(&mut farm, 0, |farm| farm.register(introduction(), 0));
+    assert_eq!(reason(&farm, 0), Some(Waiting::Turn));
+    let lease = grant(&mut farm, 1, &[], 0).unwrap();
+    assert_eq!(reason(&farm, 0), None, "somebody is at work");
+    let attempt = Attempt {
+        worker: WorkerId(1),
+        kind: FailureKind::Render,
+        message: String::new(),
+        at_ms: 0,
+    };
+    commit(&mut farm, 0, |farm| farm.fail(job, lease.token, 0, attempt, 0).unwrap());
+    assert_eq!(reason(&farm, 999), Some(Waiting::Rest));
+    assert_eq!(reason(&farm, 1000), Some(Waiting::Turn));
+    commit(&mut farm, 1000, |farm| farm.quarantine(WorkerId(1), "x").unwrap());
+    assert_eq!(reason(&farm, 1000), Some(Waiting::Quarantine));
+    commit(&mut farm, 1000, |farm| farm.pause(job, true).unwrap());
+    assert_eq!(reason(&farm, 1000), Some(Waiting::Paused));
+    commit(&mut farm, 1000, |farm| farm.pause(job, false).unwrap());
+    commit(&mut farm, 1000, |farm| farm.release_worker(WorkerId(1)).unwrap());
+    let lease = grant(&mut farm, 1, &[], 1000).unwrap();
+    assert_eq!(
+        deliver(&mut farm, &delivery(&lease, lease.node), 1001),
+        Ok(Delivered::Counted)
+    );
+    assert_eq!(reason(&farm, 1001), Some(Waiting::Merging));
 }

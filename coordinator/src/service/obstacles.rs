@@ -1,0 +1,175 @@
+//! What keeps the whole farm from going on: a store that fails or does not answer, a disk that is full.
+//!
+//! Each use of a store says what became of it. An obstacle ends with the next use that succeeds, and is forgotten where
+//! nothing was tried for long: workers try again within seconds.
+
+use super::{Service, ServiceError};
+use crate::store::StoreError;
+use photonfarm_proto::api::Obstacle;
+use photonfarm_proto::job::JobStatus;
+use photonfarm_proto::waiting::Waiting;
+use std::collections::BTreeMap;
+use std::io::ErrorKind;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time after which an obstacle that nobody has met again is forgotten.
+const FORGOTTEN: Duration = Duration::from_secs(120);
+/// Time between two looks at the state store.
+const LOOK: Duration = Duration::from_secs(2);
+/// How long the state store may take for it.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What of the stores is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Part {
+    /// The state is read.
+    Answers,
+    /// The state is written.
+    State,
+    /// Images of nodes are written.
+    Images,
+    /// Files of scenes are written.
+    Scenes,
+}
+
+impl Part {
+    pub(crate) const ALL: [Self; 4] = [Self::Answers, Self::State, Self::Images, Self::Scenes];
+
+    /// Its name in figures.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Answers => "answers",
+            Self::State => "state",
+            Self::Images => "images",
+            Self::Scenes => "scenes",
+        }
+    }
+
+    fn detail(self, reason: Waiting) -> &'static str {
+        match (self, reason) {
+            (Self::Answers, _) => "the state store does not answer",
+            (Self::State, Waiting::DiskFull) => "the disk of the state is full",
+            (Self::State, _) => "the state cannot be written",
+            (Self::Images, Waiting::DiskFull) => "the disk of the images is full",
+            (Self::Images, _) => "images cannot be stored",
+            (Self::Scenes, Waiting::DiskFull) => "the disk of the scenes is full",
+            (Self::Scenes, _) => "files of scenes cannot be stored",
+        }
+    }
+}
+
+/// What is known of a part.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    failing: Option<(Waiting, Instant)>,
+    /// Failures by disks that were full, and others.
+    failures: [u64; 2],
+}
+
+/// What is known of all parts.
+#[derive(Debug, Default)]
+pub(super) struct Obstacles {
+    parts: Mutex<BTreeMap<Part, Known>>,
+    /// Jobs that wait, by the reason, when the state store was last looked at.
+    jobs: Mutex<BTreeMap<Waiting, u64>>,
+}
+
+/// What a failure of a store means; nothing where the request is to blame.
+fn reason(error: &StoreError) -> Option<Waiting> {
+    let full = match error {
+        StoreError::Io { source, .. } => matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded),
+        StoreError::Sqlite(error) => error.sqlite_error_code() == Some(rusqlite::ErrorCode::DiskFull),
+        StoreError::Postgres(error) => error.code() == Some(&tokio_postgres::error::SqlState::DISK_FULL),
+        _ => false,
+    };
+    match full {
+        true => Some(Waiting::DiskFull),
+        false => (error.retryable() && !matches!(error, StoreError::Stopped)).then_some(Waiting::StoreAway),
+    }
+}
+
+impl Service {
+    /// Remembers what became of a use of a store; failures of the state are the state's wherever they show.
+    pub(crate) fn note<T>(&self, part: Part, result: &Result<T, ServiceError>) {
+        let found = match result {
+            Ok(_) => None,
+            Err(ServiceError::Store(error)) => match reason(error) {
+                None => return,
+                found => found,
+            },
+            Err(_) => return,
+        };
+        let of_state = matches!(
+            result,
+            Err(ServiceError::Store(
+                StoreError::Sqlite(_) | StoreError::Postgres(_) | StoreError::Connection(_)
+            ))
+        );
+        let part = match of_state && part != Part::Answers {
+            true => Part::State,
+            false => part,
+        };
+        let mut parts = self.obstacles.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = parts.entry(part).or_default();
+        known.failing = found.map(|reason| (reason, Instant::now()));
+        if let Some(reason) = found {
+            known.failures[usize::from(reason != Waiting::DiskFull)] += 1;
+        }
+    }
+
+    /// What keeps the farm from going on now.
+    pub(crate) fn found_obstacles(&self) -> Vec<(Part, Obstacle)> {
+        let parts = self.obstacles.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        let failing = parts.iter().filter_map(|(part, known)| {
+            let (reason, at) = known.failing?;
+            let obstacle = Obstacle {
+                part: part.name().into(),
+                reason,
+                detail: part.detail(reason).into(),
+            };
+            (at.elapsed() < FORGOTTEN).then_some((*part, obstacle))
+        });
+        failing.collect()
+    }
+
+    /// How often a part failed since the start: by a disk that was full, and otherwise.
+    pub(crate) fn failures(&self, part: Part) -> [u64; 2] {
+        let parts = self.obstacles.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        parts.get(&part).copied().unwrap_or_default().failures
+    }
+
+    /// How many jobs waited when that was last looked at, by the reason.
+    pub(crate) fn jobs_waiting(&self) -> BTreeMap<Waiting, u64> {
+        let jobs = self.obstacles.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        jobs.clone()
+    }
+
+    /// The status of a job, with what keeps the whole farm from going on.
+    pub(super) fn held_up(&self, mut status: JobStatus) -> JobStatus {
+        if status.state.ended() || status.waiting_reason == Some(Waiting::Paused) {
+            return status;
+        }
+        let found = self.found_obstacles().into_iter();
+        if let Some((_, obstacle)) = found.into_iter().find(|(part, _)| *part != Part::Scenes) {
+            (status.waiting, status.waiting_reason) = (Some(obstacle.detail), Some(obstacle.reason));
+        }
+        status
+    }
+
+    /// Looks at the state store and at the jobs now and then, so that whoever asks how the farm is costs nothing.
+    pub(super) async fn look_around(self: Arc<Self>) {
+        loop {
+            let late = |_| Err(StoreError::Connection("it does not answer".into()));
+            let answer = tokio::time::timeout(PATIENCE, self.stores.state.jobs(None, 1)).await;
+            self.note(Part::Answers, &answer.unwrap_or_else(late).map_err(ServiceError::from));
+            if let Ok(jobs) = self.live_statuses().await {
+                let mut counts = BTreeMap::new();
+                let reasons = jobs.iter().filter_map(|job| job.waiting_reason);
+                reasons.for_each(|reason| *counts.entry(reason).or_default() += 1);
+                *self.obstacles.jobs.lock().unwrap_or_else(PoisonError::into_inner) = counts;
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+}

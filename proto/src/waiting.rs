@@ -1,0 +1,59 @@
+//! Why a job does not go on.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use utoipa::ToSchema;
+
+/// What keeps a job from going on. One holds at a time: what has to end first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Waiting {
+    /// The job is paused.
+    Paused,
+    /// A disk that the coordinator needs is full.
+    DiskFull,
+    /// A store that the coordinator needs fails or does not answer.
+    StoreAway,
+    /// No worker is connected.
+    NoWorker,
+    /// No connected worker has the tags that the job asks for.
+    Tags,
+    /// No connected worker has the renderer that the job is bound to.
+    Renderer,
+    /// Every worker that could do it is in quarantine.
+    Quarantine,
+    /// Workers disagree about a node, and another one has to decide.
+    Dispute,
+    /// A node waits for another worker to confirm it.
+    Doubt,
+    /// An iteration that failed rests before it is tried again.
+    Rest,
+    /// There is work, and workers are at other jobs.
+    Turn,
+    /// Everything was delivered, and is being added up.
+    Merging,
+}
+
+impl Waiting {
+    /// All of them.
+    pub const ALL: [Self; 12] = [
+        Self::Paused,
+        Self::DiskFull,
+        Self::StoreAway,
+        Self::NoWorker,
+        Self::Tags,
+        Self::Renderer,
+        Self::Quarantine,
+        Self::Dispute,
+        Self::Doubt,
+        Self::Rest,
+        Self::Turn,
+        Self::Merging,
+    ];
+}
+
+impl fmt::Display for Waiting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
