@@ -8,7 +8,7 @@ use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-const JOB: [&str; 8] = [
+const JOB: [&str; 10] = [
     "--integrator",
     "pppm",
     "--seed",
@@ -17,6 +17,8 @@ const JOB: [&str; 8] = [
     "res=32",
     "--set",
     "samples=2",
+    "--set",
+    "photons=10000",
 ];
 
 fn text(path: &Path) -> &str {
@@ -150,7 +152,7 @@ fn waiting_goes_on_after_an_interruption_and_a_named_submission_is_made_once() {
         .iter()
         .map(|word| if *word == "nightly" { "another" } else { word });
     assert_eq!(printed(&on_farm(&coordinator, &other.collect::<Vec<_>>())), "2");
-    let refused = on_farm(&coordinator, &[submit.as_slice(), &["--set", "photons=7"]].concat());
+    let refused = on_farm(&coordinator, &[submit.as_slice(), &["--set", "alpha=0.5"]].concat());
     assert!(String::from_utf8_lossy(&refused.stderr).contains("asks for something else"));
 
     let output = on_farm(&coordinator, &["resubmit", "1"]);
@@ -208,7 +210,7 @@ fn a_farm_that_is_told_to_stop_all_at_once_ends_and_goes_on_later() {
     let mut coordinator = Coordinator::start_with(&folder.path().join("farm"), &["--lease-seconds", "1"]);
     let first = worker(&coordinator.url, &cache, &["--drain-seconds", "1"]);
     let scene = scene("environment.xml");
-    let submit = [["submit", text(&scene), "--iterations", "30"].as_slice(), &JOB].concat();
+    let submit = [["submit", text(&scene), "--iterations", "60"].as_slice(), &JOB].concat();
     printed(&on_farm(&coordinator, &submit));
     let job = |url: &str| jobs(url)?.into_iter().next();
     wait_for("some iterations", || {
@@ -235,7 +237,7 @@ fn a_farm_that_is_told_to_stop_all_at_once_ends_and_goes_on_later() {
     let [farm, alone] = ["farm.exr", "alone.exr"].map(|name| folder.path().join(name));
     printed(&on_farm(&coordinator, &["wait", "1", "-o", text(&farm)]));
     let render = [
-        ["render", text(&scene), "-o", text(&alone), "--iterations", "30"].as_slice(),
+        ["render", text(&scene), "-o", text(&alone), "--iterations", "60"].as_slice(),
         &JOB,
     ]
     .concat();
