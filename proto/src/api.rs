@@ -58,6 +58,12 @@ pub struct WorkerStatus {
     /// What it has: jobs may ask for it.
     #[serde(default)]
     pub tags: BTreeSet<String>,
+    /// Name of the token that it registered with; empty without tokens.
+    #[serde(default)]
+    pub token: String,
+    /// Address that it registered from; of IPv6 the network. Together with the token it tells who is behind the worker.
+    #[serde(default)]
+    pub machine: String,
     /// Nodes of its that another worker confirmed since one was last refuted.
     #[serde(default)]
     pub verified: u32,

@@ -39,9 +39,48 @@ number_id! {
     /// A worker process, from its registration to its end.
     WorkerId
 }
-number_id! {
-    /// The fencing token of a lease. Tokens rise for ever, across restarts of the coordinator.
-    LeaseToken
+
+/// The fencing token of a lease. Nobody but its worker knows the nonce: to know a lease's number is not to hold it.
+///
+/// In JSON it is a pair of numbers; farms of older versions kept the number alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct LeaseToken {
+    /// Rises for ever, across restarts of the coordinator.
+    pub number: u64,
+    /// Random bits.
+    pub nonce: u64,
+}
+
+impl fmt::Display for LeaseToken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.number.fmt(f)
+    }
+}
+
+impl Serialize for LeaseToken {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        (self.number, self.nonce).serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for LeaseToken {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Kept {
+            Pair(u64, u64),
+            Number(u64),
+        }
+        let (number, nonce) = if deserializer.is_human_readable() {
+            match Kept::deserialize(deserializer)? {
+                Kept::Pair(number, nonce) => (number, nonce),
+                Kept::Number(number) => (number, 0),
+            }
+        } else {
+            <(u64, u64)>::deserialize(deserializer)?
+        };
+        Ok(Self { number, nonce })
+    }
 }
 
 /// The BLAKE3 hash of some bytes: 64 lower-case hexadecimal digits in JSON, 32 bytes in bincode.
@@ -136,6 +175,21 @@ mod tests {
         let json = serde_json::to_string(&hash).unwrap();
         assert_eq!(json, format!("\"{hash}\""));
         assert_eq!(serde_json::from_str::<BlobHash>(&json).unwrap(), hash);
+    }
+
+    #[test]
+    fn a_token_survives_its_text_and_that_of_older_farms() {
+        let token = LeaseToken {
+            number: 9,
+            nonce: u64::MAX,
+        };
+        let json = serde_json::to_string(&token).unwrap();
+        assert_eq!(serde_json::from_str::<LeaseToken>(&json).unwrap(), token);
+        assert_eq!(
+            serde_json::from_str::<LeaseToken>("7").unwrap(),
+            LeaseToken { number: 7, nonce: 0 }
+        );
+        assert_eq!(token.to_string(), "9", "texts for people do not give the nonce away");
     }
 
     #[test]

@@ -159,11 +159,34 @@ impl PhaseSeconds {
         self.trace_light + self.build_map + self.trace_camera + self.other
     }
 
+    /// Shortens all phases in proportion, so that they do not exceed `most` seconds together.
+    pub fn bound(&mut self, most: f64) {
+        let total = self.total();
+        if total <= most {
+            return;
+        }
+        // Finite seconds may have an infinite sum.
+        let share = (most / total).max(0.0);
+        let phases = [
+            &mut self.trace_light,
+            &mut self.build_map,
+            &mut self.trace_camera,
+            &mut self.other,
+        ];
+        for phase in phases {
+            *phase *= share;
+        }
+    }
+
     fn is_valid(&self) -> bool {
         let phases = [self.trace_light, self.build_map, self.trace_camera, self.other];
         phases.iter().all(|seconds| seconds.is_finite() && *seconds >= 0.0)
     }
 }
+
+/// The highest that a worker may count in an iteration: far beyond what any iteration does, and so low that the sum over all
+/// iterations of a job (at most 2^20) stays a number of 64 bits.
+pub const MOST_COUNTED: u64 = 1 << 43;
 
 /// What rendering some iterations took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -197,10 +220,22 @@ impl Totals {
         };
     }
 
-    /// Whether every number is finite and not negative.
+    /// Whether every number may be said of so many iterations: finite, not negative, and no count beyond
+    /// [`MOST_COUNTED`] of each iteration.
     #[must_use]
-    pub fn is_valid(&self) -> bool {
-        self.seconds.is_valid() && self.bandwidth.is_none_or(|range| range.is_valid())
+    pub fn is_valid(&self, iterations: u64) -> bool {
+        let most = iterations.saturating_mul(MOST_COUNTED);
+        let counts = &self.counts;
+        let counts = [
+            counts.light_paths,
+            counts.records_stored,
+            counts.records_read,
+            counts.records_counted,
+            counts.rays,
+        ];
+        counts.iter().all(|count| *count <= most)
+            && self.seconds.is_valid()
+            && self.bandwidth.is_none_or(|range| range.is_valid())
     }
 }
 

@@ -41,7 +41,7 @@ pub enum ErrorCode {
     NoImageYet,
     /// The job has ended.
     JobEnded,
-    /// The lease is not held any more: its work is void.
+    /// The lease has expired or was revoked: its work is void.
     StaleLease,
     /// The worker is unknown to this coordinator and must register again.
     UnknownWorker,
@@ -95,7 +95,7 @@ impl ErrorCode {
             Self::IdempotencyKeyReused => "The idempotency key belongs to another request",
             Self::NoImageYet => "The job has no image yet",
             Self::JobEnded => "The job has ended",
-            Self::StaleLease => "The lease is not held any more",
+            Self::StaleLease => "The lease has expired or was revoked",
             Self::UnknownWorker => "The worker is not registered",
             Self::VersionMismatch => "The versions do not match",
             Self::ResultConflict => "Another result was already counted",

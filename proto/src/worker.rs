@@ -30,6 +30,9 @@ use std::collections::BTreeSet;
 /// Most bytes of a text that a worker sends; longer ones are cut.
 pub const TEXT_BYTES: usize = 4096;
 
+/// Most leases that a worker names in a message. It holds fewer: some of them may have ended without its knowledge.
+pub const MOST_LEASES: usize = 64;
+
 /// A worker introduces itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Register {
@@ -59,7 +62,11 @@ pub struct Registered {
 pub struct LeaseRequest {
     /// Who asks.
     pub worker: WorkerId,
-    /// The leases it holds. Others of this worker, granted in a reply that was lost, go back to the pool.
+    /// Counts the worker's requests for work. A request that is older than another one gets nothing, and says nothing about
+    /// what was granted to a later one: it may have waited in a connection that died.
+    pub serial: u64,
+    /// The leases it holds, at most [`MOST_LEASES`]. Others that were granted to earlier requests of this worker, in replies
+    /// that were lost, go back to the pool.
     pub held: Vec<LeaseToken>,
     /// How long to wait for work [ms]; the coordinator may answer sooner.
     pub wait_ms: u64,
@@ -106,7 +113,7 @@ pub struct Assignment {
 pub struct Heartbeat {
     /// Who.
     pub worker: WorkerId,
-    /// The leases it holds.
+    /// The leases it holds, at most [`MOST_LEASES`].
     pub leases: Vec<LeaseProgress>,
 }
 
@@ -122,7 +129,7 @@ pub struct LeaseProgress {
 /// Which leases are gone.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HeartbeatReply {
-    /// Leases among those named that are not held any more: their work is void.
+    /// Leases among those named that have expired or were revoked: their work is void.
     pub lost: Vec<LeaseToken>,
 }
 
@@ -337,7 +344,7 @@ mod tests {
 
     fn assignment() -> LeaseReply {
         let lease = Lease {
-            token: LeaseToken(9),
+            token: LeaseToken { number: 9, nonce: 5 },
             job: JobId(3),
             node: NodeKey { level: 2, index: 1 },
             worker: WorkerId(4),
@@ -398,7 +405,7 @@ mod tests {
     #[test]
     fn an_upload_is_announced_within_its_bound() {
         let upload = NodeUpload {
-            token: LeaseToken(1),
+            token: LeaseToken { number: 1, nonce: 5 },
             worker: WorkerId(2),
             job: JobId(3),
             node: NodeKey::leaf(4),

@@ -128,7 +128,7 @@ mod tests {
 
     fn parcel() -> Parcel {
         let lease = Lease {
-            token: LeaseToken(9),
+            token: LeaseToken { number: 9, nonce: 8 },
             job: JobId(3),
             node: NodeKey { level: 1, index: 1 },
             worker: WorkerId(4),

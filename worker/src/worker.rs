@@ -26,6 +26,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::pin::pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 use tokio::sync::{mpsc, watch};
@@ -120,6 +121,8 @@ pub struct Worker {
     cache: Cache,
     pool: Arc<ThreadPool>,
     held: Held,
+    /// Counts the requests for work.
+    serial: AtomicU64,
     loaded: Option<(SceneKey, Arc<dyn LoadedScene>)>,
 }
 
@@ -172,6 +175,7 @@ impl Worker {
             cache,
             pool: Arc::new(pool),
             held: Held::default(),
+            serial: AtomicU64::new(0),
             loaded: None,
         })
     }
@@ -299,6 +303,7 @@ impl Worker {
             let held = self.held.tokens();
             let request = LeaseRequest {
                 worker,
+                serial: 1 + self.serial.fetch_add(1, Ordering::Relaxed),
                 held,
                 wait_ms: POLL.as_millis() as u64,
             };

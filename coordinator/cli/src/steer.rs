@@ -178,6 +178,11 @@ fn worker_line(worker: &WorkerStatus) -> String {
         worker.silent_ms as f64 / 1e3,
         worker.verified
     );
+    let origin = [&worker.token, &worker.machine].map(String::as_str);
+    line += &match origin {
+        ["", machine] => format!("  from: {machine}"),
+        [token, machine] => format!("  from: {token}@{machine}"),
+    };
     if !worker.tags.is_empty() {
         let tags: Vec<&str> = worker.tags.iter().map(String::as_str).collect();
         line += &format!("  tags: {}", tags.join(","));

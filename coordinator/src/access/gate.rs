@@ -176,8 +176,10 @@ fn find<'a>(tokens: &'a [TokenRecord], token: &str) -> Option<&'a TokenRecord> {
 }
 
 /// What counts as one visitor and one machine: an IPv4 address, or the network that one holder of IPv6 addresses usually has.
+/// All loopback addresses are this machine.
 pub(crate) fn network(peer: IpAddr) -> IpAddr {
     match peer.to_canonical() {
+        address if address.is_loopback() => std::net::Ipv4Addr::LOCALHOST.into(),
         IpAddr::V4(address) => address.into(),
         IpAddr::V6(address) => std::net::Ipv6Addr::from(u128::from(address) >> 64 << 64).into(),
     }
@@ -246,5 +248,6 @@ mod tests {
         assert_eq!(network("2001:db8:1:2:3:4:5:6"), "2001:db8:1:2::");
         assert_eq!(network("::ffff:10.0.0.7"), "10.0.0.7");
         assert_ne!(network("10.0.0.7"), network("10.0.0.8"));
+        assert_eq!([network("::1"), network("127.0.0.9")], ["127.0.0.1"; 2]);
     }
 }

@@ -2,7 +2,8 @@
 
 use super::extract::Id;
 use super::{ApiError, App, local};
-use crate::access::{Caller, Gate};
+use crate::access::{Caller, Gate, network};
+use crate::scheduler::record::Origin;
 use crate::server::Peer;
 use axum::extract::{FromRequestParts, Request, State};
 use axum::http::header::AUTHORIZATION;
@@ -21,8 +22,7 @@ pub(super) async fn identify(
     mut request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    let peer = request.extensions().get::<Peer>();
-    let peer = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
+    let peer = address(request.extensions().get::<Peer>());
     let header = request
         .headers()
         .get(AUTHORIZATION)
@@ -51,6 +51,10 @@ fn changes_something(request: &Request) -> bool {
     let often = path.starts_with("/v1/worker/") || path.starts_with("/v1/blobs/");
     let rarely = ["/v1/worker/register", "/v1/worker/leave"].contains(&path);
     !request.method().is_safe() && (rarely || !often)
+}
+
+fn address(peer: Option<&Peer>) -> IpAddr {
+    peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0)
 }
 
 /// Lets those pass who have one of the roles.
@@ -87,6 +91,21 @@ impl FromRequestParts<App> for By {
     async fn from_request_parts(parts: &mut Parts, _: &App) -> Result<Self, ApiError> {
         let unknown = || Problem::new(ErrorCode::Unauthorized, "this needs a token");
         Ok(Self(parts.extensions.get::<Caller>().cloned().ok_or_else(unknown)?))
+    }
+}
+
+/// Where a worker sends its request from.
+pub(super) struct From(pub(super) Origin);
+
+impl FromRequestParts<App> for From {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, service: &App) -> Result<Self, ApiError> {
+        let By(caller) = By::from_request_parts(parts, service).await?;
+        Ok(Self(Origin {
+            token: caller.name,
+            machine: network(address(parts.extensions.get::<Peer>())).to_string(),
+        }))
     }
 }
 

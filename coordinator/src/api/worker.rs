@@ -1,6 +1,7 @@
 //! The worker protocol.
 
 use super::extract::{Framed, expect_media_type};
+use super::guard::{By, From};
 use super::spool::Spool;
 use super::{ApiError, App};
 use crate::scheduler::Delivered;
@@ -18,9 +19,10 @@ use std::sync::Arc;
 
 pub(super) async fn register(
     State(service): State<App>,
+    From(origin): From,
     Framed(register): Framed<Register>,
 ) -> Result<Framed<Registered>, ApiError> {
-    let worker = service.register(register).await?;
+    let worker = service.register(register, origin).await?;
     let heartbeat_ms = service.heartbeat_ms().await;
     Ok(Framed(Registered {
         worker,
@@ -31,8 +33,10 @@ pub(super) async fn register(
 
 pub(super) async fn lease(
     State(service): State<App>,
+    By(caller): By,
     Framed(request): Framed<LeaseRequest>,
 ) -> Result<Framed<LeaseReply>, ApiError> {
+    service.check_worker(request.worker, &caller.name).await?;
     Ok(Framed(LeaseReply {
         assignment: service.lease(request).await?,
     }))
@@ -40,16 +44,23 @@ pub(super) async fn lease(
 
 pub(super) async fn heartbeat(
     State(service): State<App>,
+    By(caller): By,
     Framed(heartbeat): Framed<Heartbeat>,
 ) -> Result<Framed<HeartbeatReply>, ApiError> {
+    service.check_worker(heartbeat.worker, &caller.name).await?;
     Ok(Framed(HeartbeatReply {
         lost: service.heartbeat(&heartbeat).await?,
     }))
 }
 
-pub(super) async fn upload(State(service): State<App>, request: Request) -> Result<Framed<NodeReply>, ApiError> {
+pub(super) async fn upload(
+    State(service): State<App>,
+    By(caller): By,
+    request: Request,
+) -> Result<Framed<NodeReply>, ApiError> {
     expect_media_type(request.headers(), MESSAGE_MEDIA_TYPE)?;
-    let delivered = service.upload(request.into_body().into_data_stream()).await;
+    let stream = request.into_body().into_data_stream();
+    let delivered = service.upload(stream, &caller.name).await;
     note_images(&service, &delivered);
     let delivered = delivered?;
     Ok(Framed(NodeReply {
@@ -59,15 +70,19 @@ pub(super) async fn upload(State(service): State<App>, request: Request) -> Resu
 
 pub(super) async fn place(
     State(service): State<App>,
+    By(caller): By,
     Framed(upload): Framed<NodeUpload>,
 ) -> Result<Framed<NodePlace>, ApiError> {
+    service.check_worker(upload.worker, &caller.name).await?;
     Ok(Framed(service.place(&upload).await?))
 }
 
 pub(super) async fn stored(
     State(service): State<App>,
+    By(caller): By,
     Framed(upload): Framed<NodeUpload>,
 ) -> Result<Framed<NodeReply>, ApiError> {
+    service.check_worker(upload.worker, &caller.name).await?;
     let delivered = service.stored(upload).await;
     note_images(&service, &delivered);
     let delivered = delivered?;
@@ -78,9 +93,11 @@ pub(super) async fn stored(
 
 pub(super) async fn statistics(
     State(service): State<App>,
+    By(caller): By,
     Extension(spool): Extension<Arc<Spool>>,
     Framed(request): Framed<StatisticsRequest>,
 ) -> Result<Response, ApiError> {
+    service.check_worker(request.worker, &caller.name).await?;
     let head = [(CONTENT_TYPE, "application/octet-stream")].into_response();
     let make = async { Ok((head, Some(service.statistics(request).await?))) };
     spool.answer(make).await
@@ -88,32 +105,40 @@ pub(super) async fn statistics(
 
 pub(super) async fn settings(
     State(service): State<App>,
+    By(caller): By,
     Framed(report): Framed<SettingsReport>,
 ) -> Result<Framed<Acknowledged>, ApiError> {
+    service.check_worker(report.worker, &caller.name).await?;
     service.report_settings(report).await?;
     Ok(Framed(Acknowledged))
 }
 
 pub(super) async fn fail(
     State(service): State<App>,
+    By(caller): By,
     Framed(report): Framed<FailureReport>,
 ) -> Result<Framed<Acknowledged>, ApiError> {
+    service.check_worker(report.worker, &caller.name).await?;
     service.fail(report).await?;
     Ok(Framed(Acknowledged))
 }
 
 pub(super) async fn release(
     State(service): State<App>,
+    By(caller): By,
     Framed(release): Framed<Release>,
 ) -> Result<Framed<Acknowledged>, ApiError> {
+    service.check_worker(release.worker, &caller.name).await?;
     service.release(release).await?;
     Ok(Framed(Acknowledged))
 }
 
 pub(super) async fn leave(
     State(service): State<App>,
+    By(caller): By,
     Framed(leave): Framed<Leave>,
 ) -> Result<Framed<Acknowledged>, ApiError> {
+    service.check_worker(leave.worker, &caller.name).await?;
     service.leave(leave.worker).await?;
     Ok(Framed(Acknowledged))
 }

@@ -1,7 +1,7 @@
 //! Signs of life: which leases go on, how fast workers are, and what a start of the coordinator changes about it.
 
 use super::record::{Change, Millis, Renewal};
-use super::{Decision, Delivery, Farm, Refusal};
+use super::{Decision, Farm, Refusal};
 use photonfarm_proto::id::{LeaseToken, WorkerId};
 use photonfarm_proto::worker::LeaseProgress;
 
@@ -33,7 +33,7 @@ impl Farm {
         Decision::new((), renewed(renewals.collect()))
     }
 
-    /// A sign of life: renews the leases named and returns those that are not held any more. Nothing of it is kept.
+    /// A sign of life: renews the leases named and returns those that have expired or were revoked. Nothing of it is kept.
     pub fn heartbeat(
         &mut self,
         worker: WorkerId,
@@ -49,7 +49,8 @@ impl Farm {
                 Some(job) => {
                     if let Some(lease) = job.leases.get_mut(&progress.token) {
                         lease.expires_ms = lease.expires_ms.max(until);
-                        lease.leaves_done = u64::from(progress.leaves_done).min(lease.record.node.leaves());
+                        let done = u64::from(progress.leaves_done).min(lease.record.node.leaves());
+                        lease.leaves_done = lease.leaves_done.max(done);
                     }
                     let rendered = job.rendered();
                     job.pace.sample(now, rendered);
@@ -60,21 +61,20 @@ impl Farm {
         Ok(lost)
     }
 
+    /// A worker asks for work, which is a sign of life.
+    pub fn asks(&mut self, worker: WorkerId, serial: u64, now: Millis) -> Result<(), Refusal> {
+        self.seen(worker, now)?;
+        if let Some(worker) = self.workers.get_mut(&worker) {
+            worker.serial = worker.serial.max(serial);
+        }
+        Ok(())
+    }
+
     /// A worker was heard of.
     pub fn seen(&mut self, worker: WorkerId, now: Millis) -> Result<(), Refusal> {
         let worker = self.workers.get_mut(&worker).ok_or(Refusal::UnknownWorker(worker))?;
         worker.last_seen_ms = worker.last_seen_ms.max(now);
         Ok(())
-    }
-
-    /// A delivery was counted: learns how fast its worker is. Nothing of it is kept.
-    pub fn observe(&mut self, delivery: &Delivery, now: Millis) {
-        if let Some(job) = self.jobs.get_mut(&delivery.job) {
-            let seconds = delivery.totals.seconds.total();
-            job.pace.observe(delivery.worker, seconds, delivery.node.leaves());
-            let rendered = job.rendered();
-            job.pace.sample(now, rendered);
-        }
     }
 }
 

@@ -2,9 +2,8 @@
 
 use super::SchedulerConfig;
 use super::job::{HeldLease, Job};
-use super::record::{LeaseRecord, Millis};
+use super::record::{FailedAttempt, LeaseRecord, Millis, Principal};
 use photonfarm_proto::id::WorkerId;
-use photonfarm_proto::job::Attempt;
 use photonfarm_proto::node::NodeKey;
 
 /// A block to lend.
@@ -21,24 +20,29 @@ pub(super) struct Block {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taker<'a> {
     pub(super) worker: WorkerId,
-    /// The workers heard of lately that may work on the job, this one among them.
-    pub(super) all: &'a [WorkerId],
+    /// Who is behind it.
+    pub(super) principal: Principal,
+    /// Who is behind the workers heard of lately that may work on the job, this one among them: once for each worker.
+    pub(super) all: &'a [Principal],
     pub(super) now: Millis,
     pub(super) config: &'a SchedulerConfig,
 }
 
 impl Taker<'_> {
     /// Whether a leaf that failed before is to be left alone for now: everybody waits a while, longer after each
-    /// failure, and who has failed leaves it to others if there are any.
-    fn leaves_alone(&self, attempts: &[Attempt]) -> bool {
-        let Some(last) = attempts.last() else { return false };
-        let doublings = attempts.len().min(32) as u32 - 1;
+    /// failure, and who has failed leaves it to others, for longest of all, if there are any.
+    fn leaves_alone(&self, attempts: &[FailedAttempt]) -> bool {
+        let failed = |principal: &Principal| attempts.iter().any(|attempt| attempt.principal == *principal);
+        let others = failed(&self.principal) && !self.all.iter().all(failed);
+        let mut counted = attempts.iter().filter(|attempt| !attempt.repeated);
+        let doublings = counted.clone().count().clamp(1, 32) as u32 - 1;
         let pause = self.config.retry_ms.saturating_mul(1 << doublings);
-        let failed = |worker: &WorkerId| attempts.iter().any(|attempt| attempt.worker == *worker);
-        let others = failed(&self.worker) && !self.all.iter().all(failed);
         let longest = self.config.longest_retry_ms;
-        let wait = if others { longest } else { pause.min(longest) };
-        self.now >= last.at_ms && self.now - last.at_ms < wait
+        let (last, wait) = match others {
+            true => (attempts.last(), longest),
+            false => (counted.next_back(), pause.min(longest)),
+        };
+        last.is_some_and(|last| self.now >= last.attempt.at_ms && self.now - last.attempt.at_ms < wait)
     }
 }
 
@@ -99,10 +103,11 @@ impl Job {
         })
     }
 
-    /// The first node in doubt that `worker` may repeat and nobody does.
-    pub(super) fn next_doubt(&self, worker: WorkerId) -> Option<Block> {
+    /// The first node in doubt that a worker may repeat and nobody does.
+    pub(super) fn next_doubt(&self, taker: &Taker) -> Option<Block> {
+        let (worker, principal) = (taker.worker, taker.principal);
         let mut doubts = self.nodes_in_doubt().filter(|node| self.can_be_repeated(*node));
-        let node = doubts.find(|node| !self.has_opinion(*node, worker) && self.verifiers(*node).next().is_none())?;
+        let node = doubts.find(|node| !self.has_opinion(*node, principal) && self.verifiers(*node).next().is_none())?;
         Some(Block {
             node,
             expected_ms: self.expected_ms(worker, node),
@@ -142,6 +147,15 @@ impl Job {
                 .filter(|_| self.can_begin_at(self.complete()))?,
             false => self.part_left(lease, taker.config)?,
         };
+        let leaves = node.first() as u32..=(node.end() - 1) as u32;
+        if !record.verifies
+            && self
+                .failures
+                .range(leaves)
+                .any(|(_, attempts)| taker.leaves_alone(attempts))
+        {
+            return None;
+        }
         let mine = self.expected_ms(taker.worker, node);
         let shares = |other: &&LeaseRecord| {
             other.verifies == record.verifies && (other.node.contains(node) || node.contains(other.node))
@@ -149,7 +163,7 @@ impl Job {
         let holders: Vec<&LeaseRecord> = self.leases.values().map(|other| &other.record).filter(shares).collect();
         let times = holders.len() as u64;
         let mine_already = holders.iter().any(|holder| holder.worker == taker.worker);
-        let known = record.verifies && self.has_opinion(node, taker.worker);
+        let known = record.verifies && self.has_opinion(node, taker.principal);
         if known || mine_already || holders.iter().any(|holder| patient(holder, times)) {
             return None;
         }
@@ -202,7 +216,7 @@ impl Job {
         let lent = lent
             .filter(|lease| !lease.verifies)
             .map(|lease| (lease.node.first(), lease.node.end()));
-        let alone = |attempts: &[Attempt]| taker.config.is_poisoned(attempts) || taker.leaves_alone(attempts);
+        let alone = |attempts: &[FailedAttempt]| taker.config.is_poisoned(attempts) || taker.leaves_alone(attempts);
         let within = |leaf: &u32| u64::from(*leaf) < self.leaves();
         let failed = self
             .failures

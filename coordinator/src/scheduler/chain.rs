@@ -6,10 +6,9 @@
 //! that is found out goes with it, and while a node is in doubt nothing is built on it.
 
 use super::job::Job;
-use super::record::{BlobName, Change, Loss};
+use super::record::{BlobName, Change, FailedAttempt, Loss};
 use super::{Decision, Farm, Refusal, SchedulerConfig};
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
-use photonfarm_proto::job::Attempt;
 use photonfarm_proto::node::{NodeHeader, NodeKey};
 
 impl Job {
@@ -52,8 +51,8 @@ impl Job {
         })
     }
 
-    /// Of a chain: gives up what was built on a checkpoint before leaf `from`, and takes back what is being built.
-    pub(super) fn forsake(&self, from: u64) -> Vec<Change> {
+    /// Of a chain: gives up what was built on a checkpoint before leaf `from`, and revokes the leases on what is being built.
+    pub(super) fn revoke_after(&self, from: u64) -> Vec<Change> {
         if !self.is_chain() {
             return vec![];
         }
@@ -67,7 +66,7 @@ impl Job {
     }
 
     /// The leaf of a chain that was given up and that all others wait for, with its attempts.
-    pub(super) fn broken_link<'a>(&'a self, config: &'a SchedulerConfig) -> Option<(u32, &'a [Attempt])> {
+    pub(super) fn broken_link<'a>(&'a self, config: &'a SchedulerConfig) -> Option<(u32, &'a [FailedAttempt])> {
         let next = self.complete();
         let mut poisoned = self.poisoned(config);
         poisoned.find(|(leaf, _)| self.is_chain() && u64::from(*leaf) == next)

@@ -1,8 +1,8 @@
 //! Nodes that workers deliver: whether they count.
 
-use super::Refusal;
 use super::job::Job;
-use super::record::{BlobName, Change, Loss, NodeRecord, Opinion};
+use super::record::{BlobName, Change, Loss, Millis, NodeRecord, Opinion, Principal};
+use super::{Farm, Refusal};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::Totals;
 use photonfarm_proto::node::NodeKey;
@@ -57,8 +57,13 @@ impl Delivery {
 impl Job {
     /// Decides over a delivery: whether it counts, is known, or is refused.
     ///
-    /// A node in `doubt` is to be repeated by another worker before it is believed.
-    pub fn deliver(&self, delivery: &Delivery, doubt: bool) -> Result<(Delivered, Vec<Change>), Refusal> {
+    /// A node in `doubt` is to be repeated by a worker of another principal than this one before it is believed.
+    pub fn deliver(
+        &self,
+        delivery: &Delivery,
+        principal: Principal,
+        doubt: bool,
+    ) -> Result<(Delivered, Vec<Change>), Refusal> {
         let Delivery {
             token, node, digest, ..
         } = *delivery;
@@ -95,10 +100,10 @@ impl Job {
                 "an image of {w} x {h} for a job of {width} x {height}"
             )));
         }
-        Ok((Delivered::Counted, self.count(delivery, doubt)))
+        Ok((Delivered::Counted, self.count(delivery, principal, doubt)))
     }
 
-    fn count(&self, delivery: &Delivery, doubt: bool) -> Vec<Change> {
+    fn count(&self, delivery: &Delivery, principal: Principal, doubt: bool) -> Vec<Change> {
         let (job, node) = (self.id(), delivery.node);
         let inner: Vec<NodeKey> = self.live.range(node.first()..node.end()).map(|(_, key)| *key).collect();
         let loss = Loss::Replaced;
@@ -107,6 +112,7 @@ impl Job {
         changes.extend(inner.iter().map(|node| Change::NodeLost { job, node: *node, loss }));
         let opinion = Opinion {
             worker: delivery.worker,
+            principal,
             digest: delivery.digest,
         };
         changes.push(Change::NodeAdded {
@@ -114,6 +120,7 @@ impl Job {
             node,
             record: NodeRecord {
                 worker: Some(delivery.worker),
+                principal,
                 unread: delivery.unread,
                 totals: Some(delivery.totals),
                 opinions: if doubt { vec![opinion] } else { vec![] },
@@ -139,5 +146,20 @@ impl Job {
             .filter(|lease| !lease.record.verifies && covered(lease.record.node))
             .map(|lease| self.end_lease(lease.record.token))
             .collect()
+    }
+}
+
+impl Farm {
+    /// A delivery of which the work took no longer than its lease has lasted, whatever the worker says: leases are cut, divided
+    /// and charged by what was said before.
+    pub(super) fn bounded(&self, job: &Job, delivery: &Delivery, now: Millis) -> Delivery {
+        let mut bounded = delivery.clone();
+        if let Ok(lease) = job.lease(delivery.token, delivery.worker) {
+            // The clock may have been set back since.
+            let lasted = now.checked_sub(lease.record.granted_ms);
+            let most_ms = lasted.unwrap_or(self.config.lease_target_ms);
+            bounded.totals.seconds.bound(most_ms as f64 / 1e3);
+        }
+        bounded
     }
 }

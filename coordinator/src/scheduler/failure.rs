@@ -1,11 +1,12 @@
-//! Leaves that could not be rendered, and leases that ran out.
+//! Leaves that could not be rendered, and leases that expired.
 
 use super::job::{HeldLease, Job};
-use super::record::{Change, LeaseRecord, Millis};
-use super::{Refusal, SchedulerConfig};
-use photonfarm_proto::id::{LeaseToken, WorkerId};
-use photonfarm_proto::job::{Attempt, FailureKind};
+use super::record::{Change, FailedAttempt, Millis, Principal};
+use super::{Decision, Farm, Refusal, SchedulerConfig};
+use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
+use photonfarm_proto::job::{Attempt, FailureKind, JobState};
 use photonfarm_proto::node::NodeKey;
+use std::collections::BTreeSet;
 
 impl HeldLease {
     /// When the lease ends after a start of the coordinator: there is time to reconnect, but less after every start
@@ -20,14 +21,14 @@ impl HeldLease {
 
 impl Job {
     /// Decides over a failure that a worker reports.
-    pub(super) fn fail(&self, token: LeaseToken, leaf: u32, attempt: Attempt) -> Result<Vec<Change>, Refusal> {
-        let lease = self.lease(token, attempt.worker)?;
+    pub(super) fn fail(&self, token: LeaseToken, leaf: u32, attempt: FailedAttempt) -> Result<Vec<Change>, Refusal> {
+        let lease = self.lease(token, attempt.attempt.worker)?;
         if !lease.record.node.contains(NodeKey::leaf(leaf)) {
             let reason = format!("leaf {leaf} lies outside the lease of {}", lease.record.node);
             return Err(Refusal::Invalid(reason));
         }
         let job = self.id();
-        match attempt.kind {
+        match attempt.attempt.kind {
             FailureKind::Lost => Err(Refusal::Invalid("a worker cannot report itself lost".into())),
             FailureKind::Scene | FailureKind::Render | FailureKind::Panic => {
                 Ok(vec![Change::LeafFailed { job, leaf, attempt }, self.end_lease(token)])
@@ -35,48 +36,101 @@ impl Job {
         }
     }
 
-    /// Whether a worker has found a fault of the scene.
-    pub(super) fn was_found_broken_by(&self, worker: WorkerId) -> bool {
-        let mut attempts = self.failures.values().flatten();
-        attempts.any(|attempt| attempt.kind == FailureKind::Scene && attempt.worker == worker)
+    /// The attempts that found a fault of the scene.
+    fn scene_faults(&self) -> impl Iterator<Item = &FailedAttempt> {
+        let attempts = self.failures.values().flatten();
+        attempts.filter(|failed| failed.attempt.kind == FailureKind::Scene)
     }
 
     /// The workers whose reported failures lie within a node, each once.
     pub(super) fn failed_within(&self, node: NodeKey) -> impl Iterator<Item = WorkerId> + '_ {
         let leaves = node.first() as u32..=(node.end() - 1) as u32;
         let attempts = self.failures.range(leaves).flat_map(|(_, attempts)| attempts);
-        let reported = attempts.filter(|attempt| attempt.kind != FailureKind::Lost);
-        let workers: std::collections::BTreeSet<WorkerId> = reported.map(|attempt| attempt.worker).collect();
+        let reported = attempts.filter(|failed| failed.attempt.kind != FailureKind::Lost);
+        let workers: BTreeSet<WorkerId> = reported.map(|failed| failed.attempt.worker).collect();
         workers.into_iter()
     }
 
-    /// Ends the leases that were not renewed in time; the leaf that each was at is held against them.
-    pub(super) fn expire(&self, now: Millis) -> Vec<Change> {
+    /// The leaf that a lease is at, unless it is in the image.
+    fn suspect(&self, lease: &HeldLease) -> Option<u32> {
+        let node = lease.record.node;
+        let leaf = NodeKey::leaf(u32::try_from(node.first() + lease.leaves_done).ok()?);
+        (node.contains(leaf) && self.covering(leaf).is_none()).then_some(leaf.index)
+    }
+}
+
+impl Farm {
+    /// A worker could not render a leaf. A fault of the scene ends the job once two principals have found one, or the only one
+    /// that is there.
+    pub fn fail(
+        &self,
+        job: JobId,
+        token: LeaseToken,
+        leaf: u32,
+        attempt: Attempt,
+        now: Millis,
+    ) -> Result<Decision<()>, Refusal> {
+        let live = self.live_job(job)?;
+        if let Ok(lease) = live.lease(token, attempt.worker)
+            && lease.record.verifies
+        {
+            return Ok(Decision::new((), self.hear_failure(live, &lease.record, now)));
+        }
+        let Attempt {
+            worker, kind, message, ..
+        } = attempt.clone();
+        let mut changes = live.fail(token, leaf, self.failed_attempt(live, leaf, attempt, now))?;
+        let principal = self.principal_of(worker);
+        let agrees = |other: &&FailedAttempt| {
+            let known = self.workers.get(&other.attempt.worker);
+            other.principal != principal && known.is_some_and(|known| !known.is_held())
+        };
+        let alone = || self.workers_for(live, now).all(|other| other.principal == principal);
+        if kind == FailureKind::Scene && (live.scene_faults().any(|other| agrees(&other)) || alone()) {
+            changes.push(Change::JobEnded {
+                job,
+                state: JobState::Failed,
+                failure: Some(message),
+                ended_ms: now,
+            });
+        }
+        Ok(Decision::new((), changes))
+    }
+
+    /// What is kept of an attempt that failed. Whoever fails at a leaf again counts only where nobody else is there to try it:
+    /// one principal alone cannot have an iteration given up that others could render.
+    fn failed_attempt(&self, job: &Job, leaf: u32, attempt: Attempt, now: Millis) -> FailedAttempt {
+        let before = job.failures.get(&leaf).map_or(&[][..], Vec::as_slice);
+        let has_failed = |principal: Principal| before.iter().any(|failed| failed.principal == principal);
+        let principal = self.principal_of(attempt.worker);
+        let repeated = has_failed(principal) && self.workers_for(job, now).any(|other| !has_failed(other.principal));
+        FailedAttempt {
+            attempt,
+            principal,
+            repeated,
+        }
+    }
+
+    /// Ends the leases of a job that were not renewed in time; the leaf that each was at is held against it.
+    pub(super) fn expire_leases(&self, job: &Job, now: Millis) -> Vec<Change> {
+        let expired = job.leases.values().filter(|lease| lease.expires_ms <= now);
         let mut changes = Vec::new();
-        for lease in self.leases.values().filter(|lease| lease.expires_ms <= now) {
-            let LeaseRecord {
-                token, node, worker, ..
-            } = lease.record;
-            let leaf = node.first() + lease.leaves_done;
-            let suspect = u32::try_from(leaf)
-                .ok()
-                .map(NodeKey::leaf)
-                .filter(|leaf| node.contains(*leaf));
-            if let Some(leaf) = suspect.filter(|leaf| self.covering(*leaf).is_none()) {
-                let message = format!("worker {worker} was lost while rendering it");
+        for lease in expired {
+            if let Some(leaf) = job.suspect(lease) {
+                let worker = lease.record.worker;
                 let attempt = Attempt {
                     worker,
                     kind: FailureKind::Lost,
-                    message,
+                    message: format!("worker {worker} was lost while rendering it"),
                     at_ms: now,
                 };
                 changes.push(Change::LeafFailed {
-                    job: self.id(),
-                    leaf: leaf.index,
-                    attempt,
+                    job: job.id(),
+                    leaf,
+                    attempt: self.failed_attempt(job, leaf, attempt, now),
                 });
             }
-            changes.push(self.end_lease(token));
+            changes.push(job.end_lease(lease.record.token));
         }
         changes
     }

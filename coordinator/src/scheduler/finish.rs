@@ -2,7 +2,7 @@
 
 use super::SchedulerConfig;
 use super::job::Job;
-use super::record::{BlobName, Change, Loss, Millis, NodeRecord};
+use super::record::{BlobName, Change, FailedAttempt, Loss, Millis, NodeRecord};
 use photonfarm_proto::job::{Attempt, FailureKind, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
 
@@ -108,6 +108,11 @@ impl Job {
                 message: format!("worker {worker} delivered node {node}, but {reason}"),
                 at_ms: now,
             };
+            let attempt = FailedAttempt {
+                attempt,
+                principal: record.principal,
+                repeated: false,
+            };
             changes.push(Change::LeafFailed { job, leaf, attempt });
         }
         changes
@@ -137,7 +142,7 @@ impl Job {
             return None;
         }
         let failure = poisoned.first().map(|(leaf, attempts)| {
-            let reason = attempts.last().map_or("", |attempt| attempt.message.as_str());
+            let reason = attempts.last().map_or("", |failed| failed.attempt.message.as_str());
             let (count, of, iteration) = (poisoned.len(), self.leaves(), leaf + 1);
             match self.is_chain() {
                 true => {

@@ -1,25 +1,37 @@
 //! Leases are granted: which job, which block, under which token.
 
 use super::block::{Block, Taker};
-use super::record::{Change, JobControl, LeaseRecord, Millis};
+use super::record::{Change, JobControl, LeaseRecord, Millis, Principal};
 use super::{Decision, Farm, Job, Refusal};
 use photonfarm_proto::id::{LeaseToken, WorkerId};
 
 /// Most leases of a worker at once.
 const LEASES_OF_A_WORKER: usize = 8;
 
+/// A worker's request for work.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Asked {
+    /// Who asks.
+    pub worker: WorkerId,
+    /// Counts the worker's requests.
+    pub serial: u64,
+    /// The leases that it holds.
+    pub held: Vec<LeaseToken>,
+}
+
 impl Farm {
-    /// A worker asks for work. Its leases that it does not name were granted in replies that never arrived: they end.
-    pub fn lease(
-        &self,
-        worker: WorkerId,
-        held: &[LeaseToken],
-        now: Millis,
-    ) -> Result<Decision<Option<LeaseRecord>>, Refusal> {
-        if !self.workers.contains_key(&worker) {
-            return Err(Refusal::UnknownWorker(worker));
+    /// A worker asks for work. Its leases that it does not name were granted in replies to earlier requests that never arrived:
+    /// they end. Of a request that a later one has overtaken nothing follows.
+    pub fn lease(&self, asked: &Asked, now: Millis) -> Result<Decision<Option<LeaseRecord>>, Refusal> {
+        let Asked { worker, serial, held } = asked;
+        let (worker, serial) = (*worker, *serial);
+        let known = self.workers.get(&worker).ok_or(Refusal::UnknownWorker(worker))?;
+        if known.serial > serial || self.leases_of(worker).any(|lease| lease.serial > serial) {
+            return Ok(Decision::new(None, vec![]));
         }
-        let orphans = self.leases_of(worker).filter(|lease| !held.contains(&lease.token));
+        let orphans = self
+            .leases_of(worker)
+            .filter(|lease| lease.serial < serial && !held.contains(&lease.token));
         let mut changes: Vec<Change> = orphans
             .map(|lease| Change::LeaseEnded {
                 job: lease.job,
@@ -29,7 +41,7 @@ impl Farm {
         if !changes.is_empty() {
             return Ok(Decision::new(None, changes));
         }
-        let Some(lease) = self.next_lease(worker, now) else {
+        let Some(lease) = self.next_lease(worker, serial, now) else {
             return Ok(Decision::new(None, changes));
         };
         changes.extend(self.bind(&lease));
@@ -52,7 +64,7 @@ impl Farm {
         })
     }
 
-    fn next_lease(&self, worker: WorkerId, now: Millis) -> Option<LeaseRecord> {
+    fn next_lease(&self, worker: WorkerId, serial: u64, now: Millis) -> Option<LeaseRecord> {
         let known = self.workers.get(&worker)?;
         if self.leases_of(worker).count() >= LEASES_OF_A_WORKER {
             return None;
@@ -66,11 +78,14 @@ impl Farm {
             attempt,
             verifies,
         } = block;
+        let number = self.counters.token + 1;
+        let nonce = self.config.secret.number([number]);
         Some(LeaseRecord {
-            token: LeaseToken(self.counters.token + 1),
+            token: LeaseToken { number, nonce },
             job: job.id(),
             node,
             worker,
+            serial,
             attempt,
             granted_ms: now,
             expected_ms,
@@ -85,16 +100,17 @@ impl Farm {
     fn choose<'a>(&'a self, jobs: &[&'a Job], worker: WorkerId, now: Millis) -> Option<(&'a Job, Block)> {
         let offer = |again: bool| {
             jobs.iter().find_map(|job| {
-                let all: Vec<WorkerId> = self.workers_for(job, now).collect();
+                let all: Vec<Principal> = self.workers_for(job, now).map(|other| other.principal).collect();
                 let taker = Taker {
                     worker,
+                    principal: self.principal_of(worker),
                     all: &all,
                     now,
                     config: &self.config,
                 };
                 let block = match again {
                     true => job.straggler(&taker),
-                    false => job.next_doubt(worker).or_else(|| job.next_block(&taker)),
+                    false => job.next_doubt(&taker).or_else(|| job.next_block(&taker)),
                 };
                 Some((*job, block?))
             })

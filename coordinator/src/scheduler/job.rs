@@ -1,10 +1,10 @@
 //! One job: what is counted, what is lent, what failed.
 
 use super::pace::Pace;
-use super::record::{BlobName, Change, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord};
+use super::record::{BlobName, Change, FailedAttempt, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord};
 use super::{Refusal, SchedulerConfig};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
-use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
+use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ pub struct Job {
     /// Nodes that count, by first leaf.
     pub(super) live: BTreeMap<u64, NodeKey>,
     pub(super) leases: BTreeMap<LeaseToken, HeldLease>,
-    pub(super) failures: BTreeMap<u32, Vec<Attempt>>,
+    pub(super) failures: BTreeMap<u32, Vec<FailedAttempt>>,
     pub(super) pace: Pace,
 }
 
@@ -196,7 +196,10 @@ impl Job {
     }
 
     /// Leaves given up that are not in the image, with their attempts.
-    pub(super) fn poisoned<'a>(&'a self, config: &'a SchedulerConfig) -> impl Iterator<Item = (u32, &'a [Attempt])> {
+    pub(super) fn poisoned<'a>(
+        &'a self,
+        config: &'a SchedulerConfig,
+    ) -> impl Iterator<Item = (u32, &'a [FailedAttempt])> {
         self.failures
             .iter()
             .filter(|(leaf, _)| u64::from(**leaf) < self.leaves() && self.covering(NodeKey::leaf(**leaf)).is_none())
@@ -247,6 +250,9 @@ impl Job {
                 resolution,
                 ..
             } => {
+                if let (Some(worker), Some(totals)) = (record.worker, &record.totals) {
+                    self.pace.observe(worker, totals.seconds.total(), node.leaves());
+                }
                 self.nodes.insert(*node, record.clone());
                 self.live.insert(node.first(), *node);
                 self.resolution = Some(*resolution);

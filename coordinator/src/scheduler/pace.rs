@@ -19,7 +19,7 @@ pub(super) struct Pace {
 }
 
 impl Pace {
-    /// A worker took `seconds` for `iterations`.
+    /// A worker took `seconds` for `iterations`, as it says within what the coordinator saw.
     pub(super) fn observe(&mut self, worker: WorkerId, seconds: f64, iterations: u64) {
         let newest = (seconds / iterations as f64).max(1e-4);
         self.seconds_per_iteration

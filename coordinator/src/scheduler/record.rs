@@ -95,7 +95,7 @@ pub enum Change {
         /// The leaf.
         leaf: u32,
         /// How it failed.
-        attempt: Attempt,
+        attempt: FailedAttempt,
     },
     /// The job ended; its leases with it.
     JobEnded {
@@ -123,6 +123,50 @@ pub enum Loss {
     Replaced,
 }
 
+/// Who is behind a worker, as far as the coordinator can tell: what several workers of one principal say counts once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Principal(pub u64);
+
+/// Where a worker registered from.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Origin {
+    /// Name of the token that it showed; empty where the farm asks for none.
+    pub token: String,
+    /// The address that it came from: of IPv6, the network.
+    pub machine: String,
+}
+
+impl Origin {
+    /// Who is behind a worker of this name: the bearer of the token at this machine. A farm without tokens is used from its own
+    /// machine only, so that names tell its workers apart.
+    #[must_use]
+    pub fn principal(&self, name: &str) -> Principal {
+        let second = if self.token.is_empty() { name } else { &self.machine };
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&(self.token.len() as u64).to_le_bytes());
+        hasher.update(self.token.as_bytes()).update(second.as_bytes());
+        let mut number = [0; 8];
+        hasher.finalize_xof().fill(&mut number);
+        Principal(u64::from_le_bytes(number))
+    }
+}
+
+/// An attempt at a leaf that failed, and who is behind it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FailedAttempt {
+    /// What is shown of it.
+    #[serde(flatten)]
+    pub attempt: Attempt,
+    /// Who is behind its worker.
+    #[serde(default)]
+    pub principal: Principal,
+    /// Whether the same principal had failed at the leaf before, while others were there to try: it does not count again.
+    #[serde(default)]
+    pub repeated: bool,
+}
+
 /// A worker.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WorkerRecord {
@@ -137,9 +181,26 @@ pub struct WorkerRecord {
     /// What it has.
     #[serde(default)]
     pub tags: BTreeSet<String>,
+    /// Where it registered from.
+    #[serde(default)]
+    pub origin: Origin,
     /// What is thought of it.
     #[serde(default)]
     pub standing: Standing,
+}
+
+impl WorkerRecord {
+    /// Who is behind it.
+    #[must_use]
+    pub fn principal(&self) -> Principal {
+        self.origin.principal(&self.name)
+    }
+
+    /// Whether quarantine of one holds for the other: it holds for a name, as used with one token.
+    #[must_use]
+    pub fn is_namesake(&self, other: &Self) -> bool {
+        self.name == other.name && self.origin.token == other.origin.token
+    }
 }
 
 /// What is thought of a worker.
@@ -216,6 +277,9 @@ pub struct LeaseRecord {
     pub node: NodeKey,
     /// The worker.
     pub worker: WorkerId,
+    /// Which of its worker's requests it was granted to.
+    #[serde(default)]
+    pub serial: u64,
     /// Counts the leases of these leaves, from 1.
     pub attempt: u32,
     /// When it was granted.
@@ -310,7 +374,10 @@ pub struct NodeRecord {
     /// Who delivered it; nobody if it was merged from others.
     #[serde(default)]
     pub worker: Option<WorkerId>,
-    /// Whether two workers gave the same bits.
+    /// Who is behind that worker.
+    #[serde(default)]
+    pub principal: Principal,
+    /// Whether two principals gave the same bits.
     #[serde(default)]
     pub verified: bool,
     /// While it is to be repeated by others: the results so far, the first one that which counts.
@@ -334,6 +401,7 @@ impl NodeRecord {
             copy: image.copy,
             live: true,
             worker: None,
+            principal: Principal::default(),
             verified: false,
             opinions: Vec::new(),
             totals: None,
@@ -356,6 +424,9 @@ impl NodeRecord {
 pub struct Opinion {
     /// Whose.
     pub worker: WorkerId,
+    /// Who is behind that worker.
+    #[serde(default)]
+    pub principal: Principal,
     /// Hash of the image.
     pub digest: BlobHash,
 }
@@ -384,7 +455,7 @@ pub struct JobRecord {
     /// Leases held.
     pub leases: Vec<LeaseRecord>,
     /// Failed attempts by leaf, in their order.
-    pub failures: Vec<(u32, Attempt)>,
+    pub failures: Vec<(u32, FailedAttempt)>,
 }
 
 /// The farm as it was left: what a restart begins with.

@@ -1,10 +1,10 @@
 //! How far a job has come, and why nobody is at work on it.
 
 use super::block::Taker;
-use super::record::{Millis, WorkerRecord};
-use super::{Farm, Job, SchedulerConfig};
+use super::record::{FailedAttempt, Millis, Principal, WorkerRecord};
+use super::{Farm, Job, SchedulerConfig, Worker};
 use photonfarm_proto::id::WorkerId;
-use photonfarm_proto::job::{Attempt, JobStatus, Poisoned};
+use photonfarm_proto::job::{JobStatus, Poisoned};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::waiting::Waiting;
 use std::collections::BTreeMap;
@@ -27,7 +27,7 @@ impl Job {
     pub fn status(&self, config: &SchedulerConfig) -> JobStatus {
         let poisoned = self.poisoned(config).map(|(leaf, attempts)| Poisoned {
             iteration: leaf + 1,
-            attempts: attempts.to_vec(),
+            attempts: attempts.iter().map(|failed| failed.attempt.clone()).collect(),
         });
         let mut workers: Vec<WorkerId> = self.leases.values().map(|lease| lease.record.worker).collect();
         workers.sort_unstable();
@@ -99,15 +99,17 @@ impl Farm {
 
     /// Why none of the workers that could work on a job has work on it; nothing where there is none left.
     fn nothing_for(&self, job: &Job, now: Millis) -> Option<(Waiting, String)> {
-        let workers: Vec<WorkerId> = self.workers_for(job, now).collect();
-        let could = |worker: &WorkerId| {
+        let workers: Vec<&Worker> = self.workers_for(job, now).collect();
+        let all: Vec<Principal> = workers.iter().map(|worker| worker.principal).collect();
+        let could = |worker: &&Worker| {
             let taker = Taker {
-                worker: *worker,
-                all: &workers,
+                worker: worker.record.id,
+                principal: worker.principal,
+                all: &all,
                 now,
                 config: &self.config,
             };
-            job.next_doubt(*worker).or_else(|| job.next_block(&taker)).is_some()
+            job.next_doubt(&taker).or_else(|| job.next_block(&taker)).is_some()
         };
         // Workers differ only in what they failed at, and in what they have said already.
         let differ = !job.failures.is_empty() || job.nodes_in_doubt().next().is_some();
@@ -115,14 +117,14 @@ impl Farm {
             return Some((Waiting::Turn, "its turn has not come".into()));
         }
         let range = |node: NodeKey| format!("{} to {}", node.first() + 1, node.end());
-        let known = |node: &NodeKey| workers.iter().all(|worker| job.has_opinion(*node, *worker));
+        let known = |node: &NodeKey| all.iter().all(|principal| job.has_opinion(*node, *principal));
         if let Some(node) = job.nodes_in_doubt().filter(known).find(|node| job.is_disputed(*node)) {
             let detail = "and another worker is needed to decide";
             let detail = format!("workers disagree about iterations {}, {detail}", range(node));
             return Some((Waiting::Dispute, detail));
         }
         let covered = |leaf: u32| job.covering(NodeKey::leaf(leaf)).is_some();
-        let open = |(leaf, attempts): &(&u32, &Vec<Attempt>)| {
+        let open = |(leaf, attempts): &(&u32, &Vec<FailedAttempt>)| {
             u64::from(**leaf) < job.leaves() && !covered(**leaf) && !self.config.is_poisoned(attempts)
         };
         if let Some((leaf, attempts)) = job.failures.iter().find(open) {

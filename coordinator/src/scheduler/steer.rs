@@ -61,16 +61,18 @@ impl Farm {
             iterations,
             ..known.clone()
         };
+        if known.stop.is_some() || record.is_some() {
+            // Whoever asks for a number of iterations after a stop or an end wants that number.
+            control.stop = None;
+            control.schedule.deadline_ms = None;
+            control.schedule.noise_target = None;
+        }
         let Some(record) = record else {
             return Ok(Decision::new((), vec![Change::JobChanged { job: id, control }]));
         };
         let Some(ended_ms) = record.ended_ms.filter(|_| record.state == JobState::Done) else {
             return Err(Refusal::JobEnded(id));
         };
-        // Whoever asks for a number of iterations after a stop wants that number.
-        control.stop = None;
-        control.schedule.deadline_ms = None;
-        control.schedule.noise_target = None;
         control.schedule.paused = false;
         let record = Box::new(JobRecord {
             control,

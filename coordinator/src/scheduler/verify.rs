@@ -5,13 +5,14 @@
 //! choice is a hash of the job, the node, the worker and a secret of the farm, so that a worker cannot foresee it.
 //!
 //! A node that was chosen is in doubt: it is in the image, but it is not merged, and its job does not end, until two
-//! workers have given the same bits. Those who gave others go into quarantine. When no other worker is there to repeat
-//! it, it is believed.
+//! principals ([`Principal`]: what several workers of one say counts once) have given the same bits. Those who gave others
+//! go into quarantine. When no worker of another principal is there to repeat it, it is believed.
 
-use super::record::{Change, LeaseRecord, Loss, Millis, NodeRecord, Opinion, Standing};
+use super::record::{Change, LeaseRecord, Loss, Millis, NodeRecord, Opinion, Principal, Standing};
 use super::{Decision, Delivered, Delivery, Farm, Job, Refusal, Worker};
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::node::NodeKey;
+use std::collections::BTreeSet;
 
 /// Stands for the image of a node that a worker could not render.
 const NO_IMAGE: BlobHash = BlobHash([0; 32]);
@@ -55,10 +56,10 @@ impl Job {
         records.filter(move |record| record.verifies && record.node == node)
     }
 
-    /// Whether `worker` has said what it makes of `node`.
-    pub(super) fn has_opinion(&self, node: NodeKey, worker: WorkerId) -> bool {
+    /// Whether a worker of `principal` has said what it makes of `node`.
+    pub(super) fn has_opinion(&self, node: NodeKey, principal: Principal) -> bool {
         let opinions = self.nodes.get(&node).map_or(&[][..], |record| &record.opinions);
-        opinions.iter().any(|opinion| opinion.worker == worker)
+        opinions.iter().any(|opinion| opinion.principal == principal)
     }
 
     /// Believes a node without waiting any longer.
@@ -83,8 +84,11 @@ impl Job {
         };
         let mut record = known.clone();
         if let (Some(worker), true) = (known.worker, known.opinions.is_empty()) {
-            let digest = known.digest;
-            record.opinions.push(Opinion { worker, digest });
+            record.opinions.push(Opinion {
+                worker,
+                principal: known.principal,
+                digest: known.digest,
+            });
         }
         record.opinions.push(opinion);
         let agree = |with: &Opinion| with.digest == opinion.digest;
@@ -119,6 +123,7 @@ impl Job {
                 record.copy = delivery.map_or(0, |delivery| delivery.copy);
             }
             record.worker = first.map(|first| first.worker);
+            record.principal = first.map_or_else(Principal::default, |first| first.principal);
             record.digest = opinion.digest;
             record.verified = true;
             record.opinions.clear();
@@ -146,15 +151,16 @@ impl Job {
         let over = self.verifiers(node).map(|lease| self.end_lease(lease.token));
         verdict.changes.extend(over);
         if known.digest != opinion.digest {
-            verdict.changes.extend(self.forsake(node.end()));
+            verdict.changes.extend(self.revoke_after(node.end()));
         }
         verdict
     }
 
-    /// Gives up whatever rests on unconfirmed work of `worker`.
-    fn distrust(&self, worker: WorkerId) -> Vec<Change> {
+    /// Gives up whatever rests on unconfirmed work of some workers.
+    fn distrust(&self, workers: &BTreeSet<WorkerId>) -> Vec<Change> {
         let (job, loss) = (self.id(), Loss::Untrusted);
-        let suspect = |record: &NodeRecord| record.worker == Some(worker) && !record.verified;
+        let suspect =
+            |record: &NodeRecord| record.worker.is_some_and(|worker| workers.contains(&worker)) && !record.verified;
         let mut lost: Vec<NodeKey> = self
             .nodes
             .iter()
@@ -167,13 +173,13 @@ impl Job {
         for node in self.nodes_in_doubt().filter(|node| !lost.contains(node)) {
             let mut record = self.nodes[&node].clone();
             let before = record.opinions.len();
-            record.opinions.retain(|opinion| opinion.worker != worker);
+            record.opinions.retain(|opinion| !workers.contains(&opinion.worker));
             if record.opinions.len() < before {
                 changes.push(Change::NodeJudged { job, node, record });
             }
         }
         if let (true, Some(first)) = (self.is_chain(), lost.iter().map(|node| node.first()).min()) {
-            changes.extend(self.forsake(first));
+            changes.extend(self.revoke_after(first));
             return changes;
         }
         for node in lost {
@@ -199,44 +205,45 @@ impl Worker {
 
 impl Farm {
     /// The workers that were heard of lately and may work on a job.
-    pub(super) fn workers_for<'a>(&'a self, job: &'a Job, now: Millis) -> impl Iterator<Item = WorkerId> + 'a {
+    pub(super) fn workers_for<'a>(&'a self, job: &'a Job, now: Millis) -> impl Iterator<Item = &'a Worker> + 'a {
         let lately = move |worker: &&Worker| now.saturating_sub(worker.last_seen_ms) < self.config.lease_ttl_ms;
-        let fitting = self.workers.values().filter(lately).filter(|worker| worker.fits(job));
-        fitting.map(|worker| worker.record.id)
+        self.workers.values().filter(lately).filter(|worker| worker.fits(job))
     }
 
-    /// Whether a delivery is to be repeated by another worker.
+    /// Whether a delivery is to be repeated by a worker of another principal.
     pub(super) fn is_chosen(&self, job: &Job, delivery: &Delivery, now: Millis) -> bool {
         let until = u64::from(self.config.verify_until);
         let Some(worker) = self.workers.get(&delivery.worker).filter(|_| until > 0) else {
             return false;
         };
-        if !self.workers_for(job, now).any(|other| other != delivery.worker) {
+        if !self
+            .workers_for(job, now)
+            .any(|other| other.principal != worker.principal)
+        {
             return false;
         }
         let in_a_row = u64::from(worker.record.standing.verified);
         let NodeKey { level, index } = delivery.node;
-        let numbers = [
-            self.config.verify_secret,
-            delivery.job.0,
-            u64::from(level) << 32 | u64::from(index),
-            delivery.worker.0,
-        ];
-        in_a_row <= until || mix(numbers) % in_a_row < until
+        let place = u64::from(level) << 32 | u64::from(index);
+        let numbers = [delivery.job.0, place, delivery.worker.0];
+        in_a_row <= until || self.config.secret.number(numbers) % in_a_row < until
     }
 
     /// A worker delivers a node of a job that has not ended. For one that has, ask [`Job::deliver`].
     pub fn deliver(&self, delivery: &Delivery, now: Millis) -> Result<Decision<Delivered>, Refusal> {
         let job = self.live_job(delivery.job)?;
         let (worker, node) = (delivery.worker, delivery.node);
+        let delivery = &self.bounded(job, delivery, now);
+        let principal = self.principal_of(worker);
         let opinion = Opinion {
             worker,
+            principal,
             digest: delivery.digest,
         };
         if let Ok(lease) = job.lease(delivery.token, worker)
             && lease.record.verifies
         {
-            if lease.record.node != node || job.has_opinion(node, worker) {
+            if lease.record.node != node || job.has_opinion(node, principal) {
                 return Ok(Decision::new(Delivered::Repeated, vec![]));
             }
             let mut changes = vec![job.end_lease(delivery.token)];
@@ -244,7 +251,7 @@ impl Farm {
             changes.extend(self.execute(job.id(), verdict, now));
             return Ok(Decision::new(Delivered::Repeated, changes));
         }
-        let (reply, mut changes) = match job.deliver(delivery, self.is_chosen(job, delivery, now)) {
+        let (reply, mut changes) = match job.deliver(delivery, principal, self.is_chosen(job, delivery, now)) {
             Err(Refusal::Conflict { .. }) if self.may_dispute(job, delivery) => {
                 let heard = job.hear(node, opinion, Some(delivery));
                 return Ok(Decision::new(Delivered::Disputed, self.execute(job.id(), heard, now)));
@@ -268,14 +275,17 @@ impl Farm {
         let Some(record) = job.nodes.get(&node).filter(|record| record.live && !record.verified) else {
             return false;
         };
-        let heard = self.workers.get(&worker).is_some_and(|worker| worker.fits(job));
-        heard && record.worker.is_some_and(|maker| maker != worker) && !job.has_opinion(node, worker)
+        let Some(known) = self.workers.get(&worker).filter(|worker| worker.fits(job)) else {
+            return false;
+        };
+        record.worker.is_some() && record.principal != known.principal && !job.has_opinion(node, known.principal)
     }
 
     /// A worker could not render a node that it was to repeat.
     pub(super) fn hear_failure(&self, job: &Job, lease: &LeaseRecord, now: Millis) -> Vec<Change> {
         let opinion = Opinion {
             worker: lease.worker,
+            principal: self.principal_of(lease.worker),
             digest: NO_IMAGE,
         };
         let mut changes = vec![job.end_lease(lease.token)];
@@ -309,12 +319,12 @@ impl Farm {
     /// Faults of workers; too many of them lead to quarantine.
     pub(super) fn blame(&self, mut changes: Vec<Change>, at_fault: Vec<WorkerId>, now: Millis) -> Vec<Change> {
         for worker in at_fault {
-            let Some(known) = self.workers.get(&worker) else {
+            let Some(before) = self.standing_after(&changes, worker) else {
                 continue;
             };
             let standing = Standing {
-                faults: known.record.standing.faults.saturating_add(1),
-                ..known.record.standing.clone()
+                faults: before.faults.saturating_add(1),
+                ..before
             };
             let faults = standing.faults;
             changes.push(Change::WorkerJudged { worker, standing });
@@ -324,6 +334,18 @@ impl Farm {
             }
         }
         changes
+    }
+
+    /// What is thought of a worker once `changes` are applied: others of its name may have been judged with it.
+    fn standing_after(&self, changes: &[Change], worker: WorkerId) -> Option<Standing> {
+        let judged = changes.iter().rev().find_map(|change| match change {
+            Change::WorkerJudged {
+                worker: other,
+                standing,
+            } if *other == worker => Some(standing.clone()),
+            _ => None,
+        });
+        judged.or_else(|| Some(self.workers.get(&worker)?.record.standing.clone()))
     }
 
     /// Quarantine, once `changes` are applied.
@@ -336,33 +358,38 @@ impl Farm {
         changes
     }
 
-    /// Takes a worker's leases, gives it none, and gives up whatever rests on its unconfirmed work.
+    /// Takes the leases of a worker and of those of its name, gives them none, and gives up whatever rests on their
+    /// unconfirmed work.
     pub fn quarantine(&self, worker: WorkerId, reason: &str) -> Result<Decision<()>, Refusal> {
         let known = self.workers.get(&worker).ok_or(Refusal::UnknownWorker(worker))?;
-        if known.record.standing.quarantine.is_some() {
-            return Ok(Decision::new((), vec![]));
-        }
-        let standing = Standing {
-            verified: 0,
-            faults: known.record.standing.faults,
-            quarantine: Some(reason.to_owned()),
+        let free: Vec<&Worker> = self.namesakes(&known.record).filter(|other| !other.is_held()).collect();
+        let judged = |other: &&Worker| Change::WorkerJudged {
+            worker: other.record.id,
+            standing: Standing {
+                verified: 0,
+                faults: other.record.standing.faults,
+                quarantine: Some(reason.to_owned()),
+            },
         };
-        let mut changes = vec![Change::WorkerJudged { worker, standing }];
-        changes.extend(self.leases_of(worker).map(|lease| Change::LeaseEnded {
+        let mut changes: Vec<Change> = free.iter().map(judged).collect();
+        let workers: BTreeSet<WorkerId> = free.iter().map(|other| other.record.id).collect();
+        let leases = workers.iter().flat_map(|worker| self.leases_of(*worker));
+        changes.extend(leases.map(|lease| Change::LeaseEnded {
             job: lease.job,
             token: lease.token,
         }));
-        changes.extend(self.jobs.values().flat_map(|job| job.distrust(worker)));
+        if !workers.is_empty() {
+            changes.extend(self.jobs.values().flat_map(|job| job.distrust(&workers)));
+        }
         Ok(Decision::new((), changes))
     }
 
     /// Lets a worker, and those of its name, work again as if they were new.
     pub fn release_worker(&self, worker: WorkerId) -> Result<Decision<()>, Refusal> {
         let known = self.workers.get(&worker).ok_or(Refusal::UnknownWorker(worker))?;
-        let namesakes = self.workers.values().map(|worker| &worker.record);
-        let held = namesakes.filter(|other| other.name == known.record.name && other.standing.quarantine.is_some());
-        let change = |record: &super::record::WorkerRecord| Change::WorkerJudged {
-            worker: record.id,
+        let held = self.namesakes(&known.record).filter(|other| other.is_held());
+        let change = |other: &Worker| Change::WorkerJudged {
+            worker: other.record.id,
             standing: Standing::default(),
         };
         Ok(Decision::new((), held.map(change).collect()))
@@ -372,7 +399,9 @@ impl Farm {
     pub(super) fn waive(&self, job: &Job, now: Millis) -> Vec<Change> {
         let mut changes = Vec::new();
         for node in job.nodes_in_doubt().filter(|node| !job.is_disputed(*node)) {
-            let somebody = self.workers_for(job, now).any(|worker| !job.has_opinion(node, worker));
+            let somebody = self
+                .workers_for(job, now)
+                .any(|worker| !job.has_opinion(node, worker.principal));
             if !somebody && job.verifiers(node).next().is_none() {
                 changes.extend(job.believe(node));
             }
@@ -383,14 +412,4 @@ impl Farm {
 
 fn leaves_doubt(change: &Change) -> bool {
     matches!(change, Change::NodeAdded { record, .. } if !record.opinions.is_empty())
-}
-
-/// Mixes numbers into one, by the finalizer of SplitMix64 (Steele, Lea and Flood 2014).
-fn mix(numbers: [u64; 4]) -> u64 {
-    numbers.into_iter().fold(0x9e37_79b9_7f4a_7c15, |state, number| {
-        let z = state ^ number.wrapping_mul(0x2545_f491_4f6c_dd1d);
-        let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    })
 }

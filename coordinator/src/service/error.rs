@@ -86,6 +86,8 @@ fn refusal_problem(refusal: &Refusal) -> Problem {
     let code = match refusal {
         Refusal::UnknownJob(_) => ErrorCode::NotFound,
         Refusal::UnknownWorker(_) => ErrorCode::UnknownWorker,
+        Refusal::ForeignWorker(_) => ErrorCode::Forbidden,
+        Refusal::TooManyWorkers { .. } => ErrorCode::Limit,
         Refusal::StaleLease(_) => ErrorCode::StaleLease,
         Refusal::JobEnded(_) => ErrorCode::JobEnded,
         Refusal::Invalid(_) => ErrorCode::Invalid,

@@ -12,6 +12,7 @@ pub(super) fn note(farm: &Farm, change: &Change) {
     match change {
         Change::WorkerRegistered(worker) => tracing::info!(
             worker = %worker.id, name = worker.name, threads = worker.threads, renderer = worker.renderer,
+            token = worker.origin.token, machine = worker.origin.machine,
             "worker registered"
         ),
         Change::WorkerJudged { worker, standing } => judged(&named(worker), standing),
@@ -50,7 +51,10 @@ pub(super) fn note(farm: &Farm, change: &Change) {
             Loss::Replaced => tracing::debug!(%job, %node, "node replaced by one that contains it"),
             Loss::Left => tracing::debug!(%job, %node, "node left out: the job stopped before it"),
         },
-        Change::LeafFailed { job, leaf, attempt } => failed(*job, *leaf, attempt, &named(&attempt.worker)),
+        Change::LeafFailed { job, leaf, attempt } => {
+            let attempt = &attempt.attempt;
+            failed(*job, *leaf, attempt, &named(&attempt.worker));
+        }
         Change::JobEnded {
             job, state, failure, ..
         } => {

@@ -29,14 +29,14 @@ pub use image::{ImageFormat, Picture};
 pub(crate) use obstacles::Part;
 
 use crate::scheduler::record::{Change, Millis};
-use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig};
+use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig, Secret};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
 use clock::Clock;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
-use std::hash::{BuildHasher, RandomState};
+use photonfarm_proto::problem::{ErrorCode, Problem};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
@@ -90,8 +90,18 @@ struct FarmCell {
     farm: Farm,
     /// Where the farm stands in the order of commits.
     sequence: Sequence,
-    /// A commit failed with an unknown outcome: the state must be loaded again.
-    stale: bool,
+    doubt: Doubt,
+}
+
+/// Whether what is remembered is what is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Doubt {
+    /// It is.
+    None,
+    /// A commit failed with an unknown outcome: the store knows which.
+    Outcome,
+    /// Changes were being applied when a panic or a lost connection ended it: the state must be loaded again.
+    Torn,
 }
 
 impl Service {
@@ -100,7 +110,7 @@ impl Service {
         let clock = Clock::new();
         clock.measure(&*stores.state).await?;
         let scheduler = SchedulerConfig {
-            verify_secret: RandomState::new().hash_one(0),
+            secret: secret()?,
             ..scheduler
         };
         let (sequence, snapshot) = stores.state.load().await?;
@@ -111,7 +121,7 @@ impl Service {
             farm: Mutex::new(FarmCell {
                 farm,
                 sequence,
-                stale: false,
+                doubt: Doubt::None,
             }),
             clock,
             progress: watch::Sender::new(0),
@@ -230,6 +240,8 @@ impl Service {
                 if now > last {
                     return Err(garbage::too_late());
                 }
+                // Whatever ends this task before it says otherwise, a panic too, leaves the state to be loaded again.
+                cell.doubt = Doubt::Torn;
                 let kept = service
                     .stores
                     .state
@@ -241,11 +253,15 @@ impl Service {
                     Ok(Commit::Kept(sequence)) => {
                         cell.sequence = sequence;
                         service.apply(&mut cell, &changes, now);
+                        cell.doubt = Doubt::None;
                         return Ok(reply);
                     }
-                    Ok(Commit::Behind) => _ = service.catch_up(&mut cell).await?,
+                    Ok(Commit::Behind) => {
+                        cell.doubt = Doubt::None;
+                        service.catch_up(&mut cell).await?;
+                    }
                     Err(error) => {
-                        cell.stale = true;
+                        cell.doubt = Doubt::Outcome;
                         return Err(error);
                     }
                 }
@@ -279,8 +295,10 @@ impl Service {
             News::Changes(sequence, changes) => {
                 let moved = sequence != cell.sequence;
                 let now = self.clock.now();
+                cell.doubt = Doubt::Torn;
                 changes.iter().for_each(|change| cell.farm.evolve(change, now));
                 cell.sequence = sequence;
+                cell.doubt = Doubt::None;
                 if moved {
                     self.notify(&changes);
                     self.fold_news(&changes);
@@ -304,14 +322,15 @@ impl Service {
     /// The farm's state, brought up to date if a commit left it in doubt.
     async fn fresh_farm(self: &Arc<Self>) -> Result<tokio::sync::MutexGuard<'_, FarmCell>, ServiceError> {
         let mut cell = self.farm.lock().await;
-        if cell.stale {
-            if self.stores.state.is_shared() {
-                self.catch_up(&mut cell).await?;
-            } else {
+        match cell.doubt {
+            Doubt::None => return Ok(cell),
+            Doubt::Outcome if self.stores.state.is_shared() => _ = self.catch_up(&mut cell).await?,
+            Doubt::Outcome | Doubt::Torn => {
+                tracing::warn!("the farm's state is loaded again: what became of a change is not known");
                 self.reload(&mut cell).await?;
             }
-            cell.stale = false;
         }
+        cell.doubt = Doubt::None;
         Ok(cell)
     }
 
@@ -352,4 +371,13 @@ impl Service {
         drop(cell);
         Ok(self.find_job(id).await?.status(&config))
     }
+}
+
+fn secret() -> Result<Secret, Problem> {
+    let mut bits = [0; 32];
+    getrandom::fill(&mut bits).map_err(|error| {
+        tracing::error!(%error, "the system gives no random numbers");
+        Problem::new(ErrorCode::Internal, "the system gives no random numbers")
+    })?;
+    Ok(Secret(bits))
 }

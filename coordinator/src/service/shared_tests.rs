@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::access::Caller;
+use crate::scheduler::record::Origin;
 use crate::store::{self, FolderStore, PostgresStore};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_proto::RENDERER;
@@ -12,6 +13,7 @@ use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{Heartbeat, LeaseProgress, LeaseRequest, Register, Release};
 use photonfarm_test_servers::Postgres;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 async fn open(url: &str, folder: &Path) -> Arc<Service> {
     let state = PostgresStore::open(url.parse().unwrap(), "the test's database").await;
@@ -52,12 +54,15 @@ async fn register(service: &Arc<Service>) -> WorkerId {
         renderer: RENDERER.into(),
         tags: Default::default(),
     };
-    service.register(register).await.unwrap()
+    service.register(register, Origin::default()).await.unwrap()
 }
+
+static SERIAL: AtomicU64 = AtomicU64::new(1);
 
 fn ask(worker: WorkerId, held: &[LeaseToken], wait_ms: u64) -> LeaseRequest {
     LeaseRequest {
         worker,
+        serial: SERIAL.fetch_add(1, Ordering::Relaxed),
         held: held.to_vec(),
         wait_ms,
     }

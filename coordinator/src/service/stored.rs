@@ -3,10 +3,10 @@
 //! The bytes do not pass through the coordinator before they count. A job's first node, which fixes its image size, is
 //! read at once; any other when it is merged, shown, or before the job ends.
 
-use super::upload::delivery;
+use super::upload::{deliver_late, delivery};
 use super::{Service, ServiceError};
 use crate::scheduler::record::Millis;
-use crate::scheduler::{Delivered, Job, Refusal};
+use crate::scheduler::{Delivered, Refusal};
 use crate::store::{self, StoreError};
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -82,7 +82,7 @@ impl Service {
         match self.transact(decide).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
                 let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-                Ok(Job::from_record(record).deliver(&delivery, false)?.0)
+                Ok(deliver_late(record, &delivery)?)
             }
             other => other,
         }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::access::Caller;
 use crate::scheduler::Delivered;
+use crate::scheduler::record::Origin;
 use crate::store::memory::{MemoryStore, NextCommit};
 use crate::store::{self, FolderStore, ObjectBlobs, StoreError};
 use axum::body::Bytes;
@@ -17,10 +18,13 @@ use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, encode_node};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::waiting::Waiting;
-use photonfarm_proto::worker::{Lease, LeaseRequest, NodePlace, NodeUpload, Register, frame_upload};
+use photonfarm_proto::worker::{
+    Heartbeat, Lease, LeaseProgress, LeaseRequest, MOST_LEASES, NodePlace, NodeUpload, Register, frame_upload,
+};
 use photonfarm_test_servers::S3;
 use std::convert::Infallible;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 use tempfile::TempDir;
 
@@ -61,6 +65,12 @@ pub(crate) fn age(folder: &Path) {
     }
 }
 
+/// Requests for work are numbered, whichever worker sends them.
+fn next_serial() -> u64 {
+    static SERIAL: AtomicU64 = AtomicU64::new(1);
+    SERIAL.fetch_add(1, Ordering::Relaxed)
+}
+
 impl World {
     async fn new(iterations: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
@@ -97,7 +107,7 @@ impl World {
             renderer: RENDERER.into(),
             tags: Default::default(),
         };
-        let worker = service.register(register).await.unwrap();
+        let worker = service.register(register, Origin::default()).await.unwrap();
         Self {
             folder,
             state,
@@ -110,6 +120,7 @@ impl World {
     pub(super) async fn lease(&self) -> Lease {
         let request = LeaseRequest {
             worker: self.worker,
+            serial: next_serial(),
             held: vec![],
             wait_ms: 0,
         };
@@ -153,7 +164,7 @@ impl World {
     async fn send(&self, upload: &NodeUpload, image: &[u8]) -> Result<Delivered, ServiceError> {
         let body = [frame_upload(upload).unwrap().as_slice(), &image[NodeHeader::BYTES..]].concat();
         self.service
-            .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]))
+            .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]), "")
             .await
     }
 
@@ -217,7 +228,7 @@ async fn pixels_that_cannot_be_are_a_failure_of_who_sent_them_and_damaged_bytes_
     let problem = world.send(&upload, &image).await.unwrap_err().into_problem();
     assert_eq!(problem.code, ErrorCode::Invalid);
     let (leaf, attempt) = failures()[0].clone();
-    assert_eq!((leaf, attempt.worker), (lease.node.index, world.worker));
+    assert_eq!((leaf, attempt.attempt.worker), (lease.node.index, world.worker));
     upload.digest = BlobHash::of(&sound);
     let problem = world.send(&upload, &sound).await.unwrap_err().into_problem();
     assert_eq!(problem.code, ErrorCode::StaleLease, "a failure ends the lease");
@@ -252,11 +263,68 @@ async fn a_commit_that_succeeded_unnoticed_counts_once() {
 }
 
 #[tokio::test]
+async fn a_panic_between_commit_and_apply_loses_nothing() {
+    let world = World::new(4).await;
+    let lease = world.lease().await;
+    world.next_commit(NextCommit::SucceedsAndPanics);
+    assert!(world.upload(&lease).await.is_err());
+    assert_eq!(world.done().await, 1, "the state was loaded again");
+    assert_eq!(world.upload(&lease).await.unwrap(), Delivered::Duplicate);
+}
+
+#[tokio::test]
+async fn a_message_names_a_bounded_number_of_leases() {
+    let world = World::new(4).await;
+    let lease = world.lease().await;
+    let mut request = LeaseRequest {
+        worker: world.worker,
+        serial: next_serial(),
+        held: vec![lease.token; MOST_LEASES + 1],
+        wait_ms: 0,
+    };
+    let refused = world.service.lease(request.clone()).await.unwrap_err().into_problem();
+    assert_eq!(refused.code, ErrorCode::Limit);
+    let progress = LeaseProgress {
+        token: lease.token,
+        leaves_done: 0,
+    };
+    let mut beat = Heartbeat {
+        worker: world.worker,
+        leases: vec![progress; MOST_LEASES + 1],
+    };
+    let refused = world.service.heartbeat(&beat).await.unwrap_err().into_problem();
+    assert_eq!(refused.code, ErrorCode::Limit);
+    beat.leases.pop();
+    assert_eq!(world.service.heartbeat(&beat).await.unwrap(), []);
+    request.held.pop();
+    assert!(world.service.lease(request).await.is_ok());
+}
+
+#[tokio::test]
+async fn a_poll_that_a_later_one_has_overtaken_ends_with_nothing_and_takes_nothing() {
+    let world = World::new(4).await;
+    let request = LeaseRequest {
+        worker: world.worker,
+        serial: next_serial(),
+        held: vec![],
+        wait_ms: 0,
+    };
+    let lease = world.lease().await;
+    assert_eq!(world.service.lease(request).await.unwrap(), None);
+    assert_eq!(
+        world.upload(&lease).await.unwrap(),
+        Delivered::Counted,
+        "its successor's lease is held"
+    );
+}
+
+#[tokio::test]
 async fn a_lease_whose_commit_is_in_doubt_never_shares_its_token() {
     let world = World::new(4).await;
     world.next_commit(NextCommit::SucceedsUnnoticed);
     let request = LeaseRequest {
         worker: world.worker,
+        serial: next_serial(),
         held: vec![],
         wait_ms: 0,
     };
@@ -367,7 +435,7 @@ async fn nodes_that_workers_store_are_believed_only_when_read() {
         "the first node is read at once"
     );
     let failures = world.state.rows().jobs[&world.job].failures.clone();
-    assert_eq!((failures.len(), failures[0].1.worker), (1, world.worker));
+    assert_eq!((failures.len(), failures[0].1.attempt.worker), (1, world.worker));
     assert_eq!((world.done().await, world.blobs().await), (0, 0));
     let stale = world.service.place(&upload).await.unwrap_err().into_problem();
     assert_eq!(stale.code, ErrorCode::StaleLease, "a failure ends the lease");
@@ -389,7 +457,10 @@ async fn nodes_that_workers_store_are_believed_only_when_read() {
     world.service.fold_all().await;
     assert_eq!(world.done().await, 1, "the lie was found when it was to be merged");
     let failures = world.state.rows().jobs[&world.job].failures.clone();
-    assert_eq!((failures[1].0, failures[1].1.worker), (second.node.index, world.worker));
+    assert_eq!(
+        (failures[1].0, failures[1].1.attempt.worker),
+        (second.node.index, world.worker)
+    );
 
     let second = world.lease().await;
     let (upload, image) = world.rendered(&second);

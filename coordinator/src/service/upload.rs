@@ -2,12 +2,13 @@
 
 use super::arrival::{Arrival, Arrived, too_short};
 use super::{Service, ServiceError};
-use crate::scheduler::record::Millis;
+use crate::scheduler::record::{JobRecord, Millis, Principal};
 use crate::scheduler::{Delivered, Delivery, Farm, Job, Refusal};
 use crate::store;
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt};
 use photonfarm_proto::codec;
+use photonfarm_proto::job::MOST_COUNTED;
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{NodeUpload, UPLOAD_FRAME_BYTES};
@@ -20,8 +21,8 @@ const LONGEST_STALL: Duration = Duration::from_secs(30);
 const LINGER: Duration = Duration::from_secs(2);
 
 impl Service {
-    /// Receives a node: the framed announcement, then the planes.
-    pub(crate) async fn upload<S, E>(self: &Arc<Self>, body: S) -> Result<Delivered, ServiceError>
+    /// Receives a node: the framed announcement, then the planes. The worker is to have been registered with this token.
+    pub(crate) async fn upload<S, E>(self: &Arc<Self>, body: S, token: &str) -> Result<Delivered, ServiceError>
     where
         S: Stream<Item = Result<Bytes, E>> + Unpin,
         E: std::fmt::Display,
@@ -37,6 +38,7 @@ impl Service {
             return Err(Problem::new(ErrorCode::Malformed, detail).into());
         }
         let upload: NodeUpload = codec::decode(&body.take(length).await?)?;
+        self.check_worker(upload.worker, token).await?;
         let header = self.check_upload(&upload).await?;
         if let Some(answer) = self.foresee(&upload).await {
             body.linger().await;
@@ -73,12 +75,15 @@ impl Service {
     /// Refuses what cannot count before any of it is read. Replies with what precedes the planes of the image.
     pub(super) async fn check_upload(self: &Arc<Self>, upload: &NodeUpload) -> Result<NodeHeader, ServiceError> {
         self.limits.check_resolution(upload.width, upload.height)?;
-        if !upload.totals.is_valid() {
-            return Err(Problem::new(ErrorCode::Invalid, "times and bandwidths are finite and not negative").into());
-        }
         let job = self.find_job(upload.job).await?;
         if !upload.node.fits(job.control().iterations) {
             let detail = format!("node {} lies beyond the job's iterations", upload.node);
+            return Err(Problem::new(ErrorCode::Invalid, detail).into());
+        }
+        if !upload.totals.is_valid(upload.node.leaves()) {
+            let detail = format!(
+                "times and bandwidths are finite and not negative, counts at most {MOST_COUNTED} of each iteration"
+            );
             return Err(Problem::new(ErrorCode::Invalid, detail).into());
         }
         Ok(upload.header(job.statistics_per_pixel()))
@@ -117,8 +122,6 @@ impl Service {
         let Delivery { worker, job, node, .. } = *delivery;
         match &result {
             Ok(Delivered::Counted | Delivered::Repeated) => {
-                let now = self.clock.now();
-                self.fresh_farm().await?.farm.observe(delivery, now);
                 self.fold_in_background(job);
             }
             Ok(Delivered::Disputed) => {
@@ -139,7 +142,7 @@ impl Service {
         match self.transact_until(last, decide).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
                 let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-                Ok(Job::from_record(record).deliver(&delivery, false)?.0)
+                Ok(deliver_late(record, &delivery)?)
             }
             other => other,
         }
@@ -152,6 +155,12 @@ fn note_incident(delivery: &Delivery, error: &ServiceError) {
         let Delivery { worker, job, node, .. } = delivery;
         tracing::error!(%worker, %job, %node, %refusal, "incident: two results for one node");
     }
+}
+
+/// What becomes of a delivery to a job that has ended: it is known, or refused.
+pub(super) fn deliver_late(record: JobRecord, delivery: &Delivery) -> Result<Delivered, Refusal> {
+    let job = Job::from_record(record);
+    Ok(job.deliver(delivery, Principal::default(), false)?.0)
 }
 
 /// What the scheduler is told of an upload.

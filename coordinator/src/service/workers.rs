@@ -1,8 +1,8 @@
 //! What workers say: here I am, give me work, I am alive, it failed, I go.
 
 use super::{Service, ServiceError, VERSION};
-use crate::scheduler::record::{LeaseRecord, Millis};
-use crate::scheduler::{Decision, Farm};
+use crate::scheduler::record::{LeaseRecord, Millis, Origin};
+use crate::scheduler::{Asked, Decision, Farm};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind};
@@ -10,7 +10,8 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_tags;
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{
-    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, NodeUpload, Register, Release, SettingsReport,
+    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release,
+    SettingsReport,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -22,7 +23,7 @@ const POLL_STEP: Duration = Duration::from_secs(1);
 
 impl Service {
     /// A worker introduces itself.
-    pub async fn register(self: &Arc<Self>, register: Register) -> Result<WorkerId, ServiceError> {
+    pub async fn register(self: &Arc<Self>, register: Register, origin: Origin) -> Result<WorkerId, ServiceError> {
         let version = version_of(&register.renderer);
         if version != VERSION {
             let detail = format!("the worker has version {version}, this farm {VERSION}");
@@ -32,8 +33,17 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
         }
         check_tags(&register.tags, "tags")?;
-        self.transact(move |farm, now| Ok(farm.register(register.clone(), now)))
+        self.transact(move |farm, now| farm.register(register.clone(), origin.clone(), now))
             .await
+    }
+
+    /// Refuses somebody who speaks for a worker that was registered with another token.
+    pub(crate) async fn check_worker(self: &Arc<Self>, worker: WorkerId, token: &str) -> Result<(), ServiceError> {
+        let mut cell = self.fresh_farm().await?;
+        if !cell.farm.knows(worker) {
+            self.catch_up(&mut cell).await?;
+        }
+        Ok(cell.farm.check_token(worker, token)?)
     }
 
     /// Time between heartbeats that workers are told.
@@ -46,14 +56,18 @@ impl Service {
         let deadline = Instant::now() + Duration::from_millis(request.wait_ms).min(LONGEST_POLL);
         let mut work = self.work.subscribe();
         let mut stopping = self.stopping();
-        let worker = request.worker;
+        check_count(request.held.len())?;
+        let asked = Asked {
+            worker: request.worker,
+            serial: request.serial,
+            held: request.held,
+        };
         loop {
             work.mark_unchanged();
-            let now = self.clock.now();
-            self.hear(worker, now).await?;
-            let held = request.held.clone();
+            self.hear(&asked).await?;
+            let asked = asked.clone();
             let decide = move |farm: &Farm, now| {
-                let decision = farm.lease(worker, &held, now)?;
+                let decision = farm.lease(&asked, now)?;
                 let orphaned = !decision.changes.is_empty() && decision.reply.is_none();
                 Ok(Decision {
                     reply: (decision.reply, orphaned),
@@ -105,20 +119,22 @@ impl Service {
     }
 
     /// A worker asks for work, which is a sign of life.
-    async fn hear(self: &Arc<Self>, worker: WorkerId, now: Millis) -> Result<(), ServiceError> {
+    async fn hear(self: &Arc<Self>, asked: &Asked) -> Result<(), ServiceError> {
+        let now = self.clock.now();
         let mut cell = self.fresh_farm().await?;
-        while let Err(refusal) = cell.farm.seen(worker, now) {
+        while let Err(refusal) = cell.farm.asks(asked.worker, asked.serial, now) {
             if !self.catch_up(&mut cell).await? {
                 return Err(refusal.into());
             }
         }
-        self.note_beat(worker, &[], now);
+        self.note_beat(asked.worker, &[], now);
         Ok(())
     }
 
     /// A sign of life; returns the leases that are lost.
     pub async fn heartbeat(self: &Arc<Self>, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
         let (worker, leases) = (heartbeat.worker, heartbeat.leases.as_slice());
+        check_count(leases.len())?;
         let mut cell = self.fresh_farm().await?;
         let lost = loop {
             let now = self.clock.now();
@@ -215,4 +231,13 @@ impl Service {
     pub async fn workers(self: &Arc<Self>) -> Result<Vec<WorkerStatus>, ServiceError> {
         Ok(self.fresh_farm().await?.farm.worker_statuses(self.clock.now()))
     }
+}
+
+/// Refuses a message that names more leases than a worker may.
+fn check_count(leases: usize) -> Result<(), Problem> {
+    if leases <= MOST_LEASES {
+        return Ok(());
+    }
+    let detail = format!("the message names {leases} leases, and a worker names at most {MOST_LEASES}");
+    Err(Problem::new(ErrorCode::Limit, detail))
 }

@@ -61,7 +61,7 @@ impl Rows {
                 *job = *record.clone();
             }
             Change::LeaseGranted(lease) => {
-                self.counters.token = self.counters.token.max(lease.token.0);
+                self.counters.token = self.counters.token.max(lease.token.number);
                 self.counters.share = self.counters.share.max(lease.share[0]);
                 let job = self.job(lease.job);
                 job.share_ms = lease.share[1];
@@ -150,6 +150,8 @@ pub(crate) enum NextCommit {
     Fails,
     /// It is applied, but reported as failed.
     SucceedsUnnoticed,
+    /// It is applied, and the task that asked for it panics.
+    SucceedsAndPanics,
 }
 
 /// State in memory.
@@ -185,6 +187,7 @@ impl StateStore for MemoryStore {
         match next {
             NextCommit::Succeeds => Ok(Commit::Kept(0)),
             NextCommit::Fails | NextCommit::SucceedsUnnoticed => Err(StoreError::Stopped),
+            NextCommit::SucceedsAndPanics => panic!("a panic between commit and apply, as a test asked for"),
         }
     }
 

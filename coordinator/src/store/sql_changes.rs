@@ -47,7 +47,7 @@ fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
         Change::LeaseEnded { token, .. } => {
             vec![Statement::new(
                 "DELETE FROM lease WHERE token = ?1",
-                [integer(token.0)?],
+                [integer(token.number)?],
             )]
         }
         Change::LeasesRenewed(renewals) => renewals.iter().map(renew).collect::<Result<_, _>>()?,
@@ -102,7 +102,7 @@ fn register(worker: &WorkerRecord) -> Result<Vec<Statement>, StoreError> {
 fn grant(lease: &LeaseRecord) -> Result<Vec<Statement>, StoreError> {
     let sql = "INSERT INTO lease (token, job, record, until_ms, restarts) VALUES (?1, ?2, ?3, ?4, ?5)";
     let values = [
-        integer(lease.token.0)?,
+        integer(lease.token.number)?,
         integer(lease.job.0)?,
         json(lease)?,
         integer(lease.until_ms)?,
@@ -115,7 +115,7 @@ fn grant(lease: &LeaseRecord) -> Result<Vec<Statement>, StoreError> {
         integer(lease.share[1])?,
     ];
     Ok(vec![
-        raise_counter("token", lease.token.0)?,
+        raise_counter("token", lease.token.number)?,
         raise_counter("share", lease.share[0])?,
         Statement::new(sql, values),
         Statement::new(running, about_job),
@@ -124,7 +124,7 @@ fn grant(lease: &LeaseRecord) -> Result<Vec<Statement>, StoreError> {
 
 fn renew(renewal: &Renewal) -> Result<Statement, StoreError> {
     let values = [
-        integer(renewal.token.0)?,
+        integer(renewal.token.number)?,
         integer(renewal.until_ms)?,
         small(renewal.restarts),
     ];

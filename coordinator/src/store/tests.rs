@@ -3,7 +3,8 @@
 use super::memory::MemoryStore;
 use super::*;
 use crate::scheduler::record::{
-    Counters, JobControl, JobHead, LeaseRecord, Loss, NodeRecord, Opinion, Renewal, Standing, WorkerRecord,
+    Counters, FailedAttempt, JobControl, JobHead, LeaseRecord, Loss, NodeRecord, Opinion, Origin, Principal, Renewal,
+    Standing, WorkerRecord,
 };
 use photonfarm_core::settings::{IntegratorSettings, PppmSettings};
 use photonfarm_proto::bundle::FileEntry;
@@ -38,17 +39,25 @@ fn head(id: u64, key: Option<&str>) -> JobHead {
     }
 }
 
-fn lease(token: u64) -> LeaseRecord {
+fn token(number: u64) -> LeaseToken {
+    LeaseToken {
+        number,
+        nonce: u64::MAX - number,
+    }
+}
+
+fn lease(number: u64) -> LeaseRecord {
     LeaseRecord {
-        token: LeaseToken(token),
+        token: token(number),
         job: JobId(1),
         node: NodeKey { level: 1, index: 2 },
         worker: WorkerId(1),
+        serial: 3,
         attempt: 1,
         granted_ms: 5,
-        expected_ms: token.is_multiple_of(2).then_some(7),
-        verifies: token == 2,
-        share: [token, 10 * token],
+        expected_ms: number.is_multiple_of(2).then_some(7),
+        verifies: number == 2,
+        share: [number, 10 * number],
         until_ms: 9,
         restarts: 0,
     }
@@ -82,6 +91,10 @@ fn worker(id: u64) -> WorkerRecord {
         threads: 2,
         renderer: "1".into(),
         tags: ["gpu=no".to_owned()].into(),
+        origin: Origin {
+            token: "rack".into(),
+            machine: "10.0.0.7".into(),
+        },
         standing: Standing::default(),
     }
 }
@@ -90,11 +103,15 @@ fn worker(id: u64) -> WorkerRecord {
 pub(super) fn history() -> Vec<Vec<Change>> {
     let job = JobId(1);
     let [left, right] = [NodeKey::leaf(0), NodeKey::leaf(1)];
-    let attempt = |message: &str| Attempt {
-        worker: WorkerId(1),
-        kind: FailureKind::Render,
-        message: message.into(),
-        at_ms: 3,
+    let attempt = |message: &str| FailedAttempt {
+        attempt: Attempt {
+            worker: WorkerId(1),
+            kind: FailureKind::Render,
+            message: message.into(),
+            at_ms: 3,
+        },
+        principal: Principal(u64::MAX - 5),
+        repeated: true,
     };
     vec![
         vec![Change::WorkerRegistered(worker(1)), Change::WorkerRegistered(worker(2))],
@@ -124,17 +141,11 @@ pub(super) fn history() -> Vec<Vec<Change>> {
         vec![Change::LeaseGranted(lease(1)), Change::LeaseGranted(lease(2))],
         vec![Change::LeasesRenewed(vec![Renewal {
             job,
-            token: LeaseToken(2),
+            token: token(2),
             until_ms: 11,
             restarts: 3,
         }])],
-        vec![
-            Change::LeaseEnded {
-                job,
-                token: LeaseToken(1),
-            },
-            added(left),
-        ],
+        vec![Change::LeaseEnded { job, token: token(1) }, added(left)],
         vec![added(right)],
         vec![
             Change::NodeMerged { job, node: left },
@@ -153,6 +164,7 @@ pub(super) fn history() -> Vec<Vec<Change>> {
             record: NodeRecord {
                 verified: true,
                 opinions: vec![Opinion {
+                    principal: Principal(9),
                     worker: WorkerId(1),
                     digest: BlobHash::of(b"5"),
                 }],
@@ -247,7 +259,10 @@ async fn a_farm_of_the_first_version_goes_on() {
         (job.control.clone(), job.head.owner.as_str()),
         (JobControl::of(&spec()), "")
     );
-    assert_eq!((job.failures[0].0, job.failures[0].1.message.as_str()), (3, "away"));
+    assert_eq!(
+        (job.failures[0].0, job.failures[0].1.attempt.message.as_str()),
+        (3, "away")
+    );
     let node = |live| NodeRecord {
         live,
         ..NodeRecord::new(BlobHash([0; 32]))
@@ -258,10 +273,7 @@ async fn a_farm_of_the_first_version_goes_on() {
     ];
     assert_eq!(job.nodes, nodes);
     let lease = &job.leases[0];
-    assert_eq!(
-        (lease.token, lease.node),
-        (LeaseToken(7), NodeKey { level: 1, index: 1 })
-    );
+    assert_eq!((lease.token, lease.node), (token(7), NodeKey { level: 1, index: 1 }));
     assert_eq!((snapshot.workers[0].id, snapshot.workers[0].threads), (WorkerId(1), 2));
     SqliteStore::open(&path).unwrap();
 }

@@ -4,11 +4,15 @@ use crate::support::{Farm, SCENE, expect_problem};
 use photonfarm_coordinator::access::Tokens;
 use photonfarm_coordinator::{Config, Coordinator, StartError, open_stores};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
-use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
+use photonfarm_proto::codec::{MESSAGE_MEDIA_TYPE, Message, decode, encode};
 use photonfarm_proto::id::BlobHash;
-use photonfarm_proto::job::JobState;
+use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::token::{NewToken, Quota, Role, TokenList, TokenRequest};
+use photonfarm_proto::worker::{
+    FailureReport, Heartbeat, HeartbeatReply, LeaseProgress, LeaseReply, LeaseRequest, Leave, NodeUpload, Register,
+    Registered, Release, StatisticsRequest, frame_upload,
+};
 use reqwest::{Method, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -198,6 +202,81 @@ async fn web_pages_do_not_reach_a_farm_without_tokens() {
         StatusCode::OK,
         "a token is enough"
     );
+}
+
+/// Sends a message of the worker protocol with a token.
+async fn tell<M: Message>(closed: &Closed, token: &str, path: &str, message: &M) -> Response {
+    let request = closed.by(token, Method::POST, &format!("worker/{path}"));
+    let request = request.header("content-type", MESSAGE_MEDIA_TYPE);
+    request.body(encode(message).unwrap()).send().await.unwrap()
+}
+
+#[tokio::test]
+async fn nobody_speaks_for_a_worker_of_another_token() {
+    let closed = Closed::start().await;
+    let mine = closed.token(&request("rack", Role::Worker)).await;
+    let other = closed.token(&request("other", Role::Worker)).await;
+    let register = Register {
+        name: "w".into(),
+        threads: 1,
+        renderer: photonfarm_proto::RENDERER.into(),
+        tags: Default::default(),
+    };
+    let registered = tell(&closed, &mine, "register", &register).await.bytes().await.unwrap();
+    let worker = decode::<Registered>(&registered).unwrap().worker;
+    assert_eq!(closed.submit(&closed.admin, 4).await.status(), StatusCode::CREATED);
+    let mut ask = LeaseRequest {
+        worker,
+        serial: 1,
+        held: vec![],
+        wait_ms: 0,
+    };
+    let reply = tell(&closed, &mine, "lease", &ask).await.bytes().await.unwrap();
+    let lease = decode::<LeaseReply>(&reply).unwrap().assignment.unwrap().lease;
+    let (token, job) = (lease.token, lease.job);
+    ask.serial = 2;
+    let upload = NodeUpload {
+        token,
+        worker,
+        job,
+        node: lease.node,
+        width: 1,
+        height: 1,
+        digest: BlobHash::of(b""),
+        totals: Default::default(),
+    };
+    let report = FailureReport {
+        token,
+        worker,
+        job,
+        leaf: 0,
+        kind: FailureKind::Scene,
+        message: "no".into(),
+    };
+    let leases = vec![LeaseProgress { token, leaves_done: 1 }];
+    let raw = closed.by(&other, Method::POST, "worker/nodes");
+    let raw = raw.header("content-type", MESSAGE_MEDIA_TYPE);
+    let replies = [
+        tell(&closed, &other, "lease", &ask).await,
+        tell(&closed, &other, "heartbeat", &Heartbeat { worker, leases }).await,
+        tell(&closed, &other, "nodes/place", &upload).await,
+        tell(&closed, &other, "nodes/stored", &upload).await,
+        tell(&closed, &other, "statistics", &StatisticsRequest { token, worker, job }).await,
+        tell(&closed, &other, "failures", &report).await,
+        tell(&closed, &other, "release", &Release { token, worker, job }).await,
+        tell(&closed, &other, "leave", &Leave { worker }).await,
+        raw.body(frame_upload(&upload).unwrap()).send().await.unwrap(),
+    ];
+    for reply in replies {
+        let problem = expect_problem(reply, ErrorCode::Forbidden).await;
+        assert!(problem.detail.contains("another token"), "{problem}");
+    }
+    let beat = Heartbeat {
+        worker,
+        leases: vec![LeaseProgress { token, leaves_done: 1 }],
+    };
+    let reply = tell(&closed, &mine, "heartbeat", &beat).await.bytes().await.unwrap();
+    assert_eq!(decode::<HeartbeatReply>(&reply).unwrap().lost, [], "nothing came of it");
 }
 
 #[tokio::test]

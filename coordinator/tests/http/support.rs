@@ -10,6 +10,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{Assignment, LeaseReply, LeaseRequest, Register, Registered};
 use reqwest::{Method, Response, StatusCode};
 use serde_json::{Value, json};
+use std::sync::atomic::{AtomicU64, Ordering};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 
@@ -19,6 +20,8 @@ pub(crate) struct Farm {
     pub(crate) _folder: TempDir,
     pub(crate) coordinator: Coordinator,
     pub(crate) http: reqwest::Client,
+    /// Counts requests for work.
+    serial: AtomicU64,
 }
 
 impl Farm {
@@ -39,6 +42,7 @@ impl Farm {
             _folder: folder,
             coordinator,
             http: reqwest::Client::builder().no_proxy().build().unwrap(),
+            serial: AtomicU64::new(1),
         }
     }
 
@@ -115,6 +119,7 @@ impl Farm {
     pub(crate) async fn lease(&self, worker: WorkerId) -> Assignment {
         let request = LeaseRequest {
             worker,
+            serial: self.serial.fetch_add(1, Ordering::Relaxed),
             held: vec![],
             wait_ms: 10_000,
         };

@@ -5,7 +5,7 @@ use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::codec::{decode, encode};
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
@@ -92,7 +92,7 @@ async fn nodes_count_once_and_stale_tokens_never() {
     expect_problem(farm.send("nodes", other).await, ErrorCode::ResultConflict).await;
     let second = farm.lease(worker).await;
     let (mut forged, planes) = upload(&second, &leaf(1, 0.5));
-    forged.token = LeaseToken(second.lease.token.0 + 5);
+    forged.token.number += 5;
     expect_problem(farm.send("nodes", body(&(forged, planes))).await, ErrorCode::StaleLease).await;
     assert_eq!(farm.status(job).await.iterations_done, 1);
     let last = body(&upload(&second, &leaf(1, 0.25)));
@@ -185,6 +185,7 @@ async fn workers_of_another_version_and_garbage_are_refused() {
     }
     let request = LeaseRequest {
         worker: WorkerId(5),
+        serial: 1,
         held: vec![],
         wait_ms: 0,
     };

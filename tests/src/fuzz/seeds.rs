@@ -29,7 +29,7 @@ fn message<M: Message>(message: &M) -> Vec<u8> {
 }
 
 pub(super) fn messages() -> Vec<Vec<u8>> {
-    let (token, worker, job) = (LeaseToken(9), WorkerId(4), JobId(3));
+    let (token, worker, job) = (LeaseToken { number: 9, nonce: 8 }, WorkerId(4), JobId(3));
     let node = NodeKey { level: 2, index: 1 };
     let spec: JobSpec = serde_json::from_value(job_json()).expect("a valid job");
     let lease = Lease {
@@ -50,7 +50,8 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
         }),
         message(&LeaseRequest {
             worker,
-            held: vec![token, LeaseToken(10)],
+            serial: 6,
+            held: vec![token, LeaseToken { number: 10, nonce: 9 }],
             wait_ms: 20_000,
         }),
         message(&LeaseReply {

@@ -16,7 +16,7 @@ use reqwest::Method;
 
 /// Every worker message, valid in form.
 fn messages() -> Vec<(&'static str, Vec<u8>)> {
-    let (worker, token, job) = (WorkerId(1), LeaseToken(1), JobId(1));
+    let (worker, token, job) = (WorkerId(1), LeaseToken { number: 1, nonce: 1 }, JobId(1));
     let leases = vec![LeaseProgress { token, leaves_done: 0 }];
     let report = FailureReport {
         token,
@@ -38,6 +38,7 @@ fn messages() -> Vec<(&'static str, Vec<u8>)> {
             "/v1/worker/lease",
             codec::encode(&LeaseRequest {
                 worker,
+                serial: 1,
                 wait_ms: 0,
                 held: Vec::new(),
             })
@@ -123,6 +124,7 @@ fn uploads_that_must_not_count() {
     let Registered { worker, .. } = target.ask("/v1/worker/register", &register);
     let request = LeaseRequest {
         worker,
+        serial: 1,
         wait_ms: 0,
         held: Vec::new(),
     };
@@ -208,7 +210,10 @@ fn uploads_that_must_not_count() {
             "a lease never given",
             body(
                 &NodeUpload {
-                    token: LeaseToken(u64::MAX),
+                    token: LeaseToken {
+                        number: u64::MAX,
+                        nonce: 0,
+                    },
                     ..valid.clone()
                 },
                 &good_planes,

@@ -17,7 +17,7 @@ use reqwest::Method;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 const SIZE: u32 = 24;
@@ -37,6 +37,9 @@ fn job_by(integrator: &'static str, iterations: u32) -> Arc<Reference> {
     };
     job.alone()
 }
+
+/// Counts requests for work, of all attackers together.
+static SERIAL: AtomicU64 = AtomicU64::new(1);
 
 /// A worker in the hands of an attacker.
 struct Attacker {
@@ -61,6 +64,7 @@ impl Attacker {
     fn lease(&self, held: &[LeaseToken]) -> Option<Lease> {
         let request = LeaseRequest {
             worker: self.worker,
+            serial: SERIAL.fetch_add(1, Ordering::Relaxed),
             wait_ms: 0,
             held: held.into(),
         };
@@ -224,7 +228,10 @@ fn nodes_of_others_and_leases_of_yesterday_do_not_count() {
         (
             "a lease never given",
             NodeUpload {
-                token: LeaseToken(1 << 40),
+                token: LeaseToken {
+                    number: 1 << 40,
+                    nonce: 0,
+                },
                 ..honest.clone()
             },
         ),
@@ -400,7 +407,13 @@ fn slow_and_huge_uploads_hold_nobody_up() {
         height: 8192,
         ..attacker.upload(&lease, &plain(lease.node, 1, 0.0))
     };
-    let (with, without) = (huge(lease.token), huge(LeaseToken(1 << 40)));
+    let (with, without) = (
+        huge(lease.token),
+        huge(LeaseToken {
+            number: 1 << 40,
+            nonce: 0,
+        }),
+    );
     let ended = AtomicBool::new(false);
     std::thread::scope(|scope| {
         for upload in [&with, &without] {

@@ -15,10 +15,7 @@ fn farm_of(iterations: u32, workers: u64, verifies: bool) -> Farm {
     };
     let mut farm = Farm::restore(config, Snapshot::default(), 0);
     for number in 1..=workers {
-        let name = format!("w{number}");
-        commit(&mut farm, 0, |farm| {
-            farm.register(Register { name, ..introduction() }, 0)
-        });
+        hire(&mut farm, &format!("w{number}"), 0);
     }
     let chain = JobSpec {
         integrator: IntegratorSettings::Sppm(PppmSettings::default()).into(),

@@ -1,8 +1,8 @@
-//! Random histories: messages lost, repeated and reordered, workers lost, clumsy and lying, commits failed, restarts at
+//! Random histories: messages lost, repeated and reordered, workers lost, clumsy, lying and several on one machine, commits failed, restarts at
 //! any moment with the clock set forth or back, jobs paused, extended, cancelled, stopped.
 //!
 //! Whatever happens: every leaf counts once or is reported, tokens rise, what is remembered is what is kept, what two
-//! workers agree about is right, nobody honest is refuted, and once the faults stop every job ends. Seeds are fixed;
+//! principals agree about is right, nobody honest is refuted, and once the faults stop every job ends. Seeds are fixed;
 //! `PHOTONFARM_HISTORIES` sets their number.
 
 use super::world::{Mode, Seen, World};
@@ -74,6 +74,8 @@ fn histories_contain_what_they_are_about() {
         poisoned,
         links,
         called_broken,
+        repeated,
+        overtaken,
     } = seen;
     let counts = [
         verdicts,
@@ -85,6 +87,8 @@ fn histories_contain_what_they_are_about() {
         poisoned,
         links,
         called_broken,
+        repeated,
+        overtaken,
     ];
     assert!(counts.iter().all(|count| *count > 0), "{counts:?}");
 }

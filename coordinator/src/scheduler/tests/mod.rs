@@ -2,16 +2,17 @@
 
 mod chains;
 mod histories;
+mod principals;
 mod rules;
 mod steering;
 mod verification;
 mod world;
 
-use super::record::LeaseRecord;
+use super::record::{LeaseRecord, Origin};
 use super::*;
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
-use photonfarm_proto::job::{PhaseSeconds, Totals};
-use photonfarm_proto::worker::LeaseProgress;
+use photonfarm_proto::job::{Attempt, FailureKind, JobState, PhaseSeconds, Totals};
+use photonfarm_proto::worker::{LeaseProgress, Register};
 
 fn spec(iterations: u32) -> JobSpec {
     JobSpec {
@@ -33,6 +34,24 @@ fn introduction() -> Register {
         renderer: "1+a".into(),
         tags: Default::default(),
     }
+}
+
+/// A token as tests make it up.
+fn token(number: u64) -> LeaseToken {
+    LeaseToken { number, nonce: 7 }
+}
+
+/// A worker of this name and of a principal of its own.
+fn hire(farm: &mut Farm, name: &str, now: Millis) -> WorkerId {
+    hire_from(farm, name, Origin::default(), now)
+}
+
+fn hire_from(farm: &mut Farm, name: &str, origin: Origin, now: Millis) -> WorkerId {
+    let register = Register {
+        name: name.into(),
+        ..introduction()
+    };
+    commit(farm, now, |farm| farm.register(register, origin, now).unwrap())
 }
 
 fn digest(job: JobId, node: NodeKey) -> BlobHash {
@@ -69,8 +88,8 @@ fn farm_with(iterations: u32, workers: u64) -> Farm {
         ..SchedulerConfig::default()
     };
     let mut farm = Farm::restore(config, Snapshot::default(), 0);
-    for _ in 0..workers {
-        commit(&mut farm, 0, |farm| farm.register(introduction(), 0));
+    for number in 1..=workers {
+        hire(&mut farm, &format!("w{number}"), 0);
     }
     commit(&mut farm, 0, |farm| {
         farm.submit(spec(iterations), String::new(), None, 0)
@@ -84,14 +103,23 @@ fn commit<T>(farm: &mut Farm, now: Millis, decide: impl FnOnce(&Farm) -> Decisio
     reply
 }
 
+/// A worker's next request.
+fn asked(farm: &Farm, worker: u64, held: &[LeaseToken]) -> Asked {
+    let worker = WorkerId(worker);
+    Asked {
+        worker,
+        serial: farm.workers.get(&worker).map_or(0, |known| known.serial) + 1,
+        held: held.to_vec(),
+    }
+}
+
 fn grant(farm: &mut Farm, worker: u64, held: &[LeaseToken], now: Millis) -> Option<LeaseRecord> {
-    farm.seen(WorkerId(worker), now).unwrap();
-    commit(farm, now, |farm| farm.lease(WorkerId(worker), held, now).unwrap())
+    let asked = asked(farm, worker, held);
+    farm.asks(asked.worker, asked.serial, now).unwrap();
+    commit(farm, now, |farm| farm.lease(&asked, now).unwrap())
 }
 
 fn deliver(farm: &mut Farm, delivery: &Delivery, now: Millis) -> Result<Delivered, Refusal> {
     let decision = farm.deliver(delivery, now)?;
-    let reply = commit(farm, now, |_| decision);
-    farm.observe(delivery, now);
-    Ok(reply)
+    Ok(commit(farm, now, |_| decision))
 }

@@ -200,10 +200,11 @@ fn a_whole_block_takes_the_place_of_its_parts() {
     let mut farm = farm_with(4, 2);
     let (job, block) = (JobId(1), NodeKey { level: 1, index: 0 });
     let [first, second] = [1, 2].map(|number| LeaseRecord {
-        token: LeaseToken(number),
+        token: token(number),
         job,
         node: block,
         worker: WorkerId(number),
+        serial: 0,
         attempt: 1,
         granted_ms: 0,
         expected_ms: None,
@@ -224,20 +225,20 @@ fn a_whole_block_takes_the_place_of_its_parts() {
 
 #[test]
 fn an_iteration_that_was_given_up_is_not_lent_as_a_straggler() {
-    let mut farm = farm_with(2, 2);
+    let mut farm = farm_with(2, 4);
     let slow = grant(&mut farm, 2, &[], 0).unwrap();
     let fast = grant(&mut farm, 1, &[], 0).unwrap();
     deliver(&mut farm, &delivery(&fast, fast.node), 3_000).unwrap();
     let mut now = 10_000;
-    for _ in 0..3 {
+    for worker in [1, 3, 4] {
         let beat = [LeaseProgress {
             token: slow.token,
             leaves_done: 0,
         }];
         farm.heartbeat(WorkerId(2), &beat, now).unwrap();
-        let lease = grant(&mut farm, 1, &[], now).unwrap();
+        let lease = grant(&mut farm, worker, &[], now).unwrap();
         let failed = Attempt {
-            worker: WorkerId(1),
+            worker: WorkerId(worker),
             kind: FailureKind::Render,
             message: "no".into(),
             at_ms: 0,
@@ -275,8 +276,8 @@ fn leases_survive_a_restart_with_time_to_reconnect() {
             .submit(spec(4), String::new(), None, 0)
             .changes,
     );
-    let farm = keep(farm.register(introduction(), 0).changes);
-    let Decision { reply, changes } = farm.lease(WorkerId(1), &[], 0).unwrap();
+    let farm = keep(farm.register(introduction(), Origin::default(), 0).unwrap().changes);
+    let Decision { reply, changes } = farm.lease(&asked(&farm, 1, &[]), 0).unwrap();
     keep(changes);
     let lease = reply.unwrap();
     let later = 10_000_000;
@@ -324,7 +325,8 @@ fn a_job_ends_only_when_every_image_was_read_and_a_false_one_is_its_workers_fail
     assert_eq!(farm.settle(job, 2).changes, []);
     let (unread, _) = farm.job(job).unwrap().next_unread().unwrap();
     commit(&mut farm, 2, |farm| farm.lose(job, unread, "its image is missing", 2));
-    let attempts = &farm.job(job).unwrap().failures[&0];
+    let failures = &farm.job(job).unwrap().failures[&0];
+    let attempts: Vec<&Attempt> = failures.iter().map(|failed| &failed.attempt).collect();
     assert_eq!(
         (attempts[0].worker, attempts[0].kind),
         (WorkerId(1), FailureKind::Render)

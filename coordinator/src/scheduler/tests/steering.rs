@@ -1,8 +1,9 @@
 //! What people ask of jobs: order, pause, extension, stops, tags; and what becomes of leases.
 
 use super::*;
+use crate::scheduler::record::JobControl;
 use crate::store::memory::Rows;
-use photonfarm_proto::schedule::Schedule;
+use photonfarm_proto::schedule::{Schedule, Stop, StopReason};
 use photonfarm_proto::waiting::Waiting;
 
 const JOB: JobId = JobId(1);
@@ -98,7 +99,7 @@ fn a_job_that_is_done_goes_on_where_it_was() {
     let job = JobId(2);
     for _ in 0..3 {
         farm.seen(WorkerId(1), 1).unwrap();
-        let lease = farm.lease(WorkerId(1), &[], 1).unwrap();
+        let lease = farm.lease(&asked(&farm, 1, &[]), 1).unwrap();
         let (record, changes) = (lease.reply.unwrap(), lease.changes);
         if record.job == job {
             keep(&mut farm, &mut rows, changes);
@@ -258,7 +259,9 @@ fn jobs_ask_for_tags_and_keep_to_one_renderer() {
             tags: ["gpu=no".to_owned(), "x".to_owned()].into(),
             ..introduction()
         };
-        commit(&mut farm, 0, |farm| farm.register(register, 0));
+        commit(&mut farm, 0, |farm| {
+            farm.register(register, Origin::default(), 0).unwrap()
+        });
     }
     let lease = grant(&mut farm, 2, &[], 0).unwrap();
     assert_eq!(waiting(&farm), None);
@@ -270,14 +273,69 @@ fn jobs_ask_for_tags_and_keep_to_one_renderer() {
 }
 
 #[test]
+fn extending_a_job_that_has_stopped_drops_its_target_and_its_deadline() {
+    for ends in [false, true] {
+        let mut farm = farm_with(1, 1);
+        let mut rows = Rows::default();
+        let schedule = Schedule {
+            deadline_ms: Some(50_000),
+            noise_target: Some(0.5),
+            ..Schedule::default()
+        };
+        let spec = JobSpec { schedule, ..spec(8) };
+        let decision = farm.submit(spec, String::new(), None, 0);
+        let mut apply = |farm: &mut Farm, changes: &[Change], now| {
+            for change in changes {
+                rows.apply(change);
+                farm.evolve(change, now);
+            }
+            rows.jobs.get(&JobId(2)).cloned()
+        };
+        let job = decision.reply;
+        apply(&mut farm, &decision.changes, 0);
+        let stop = Stop {
+            reason: StopReason::Noise,
+            asked: 8,
+        };
+        let control = JobControl {
+            iterations: 4,
+            stop: Some(stop),
+            ..farm.job(job).unwrap().control().clone()
+        };
+        apply(&mut farm, &[Change::JobChanged { job, control }], 1);
+        let mut ended = None;
+        if ends {
+            let end = Change::JobEnded {
+                job,
+                state: JobState::Done,
+                failure: None,
+                ended_ms: 2,
+            };
+            ended = apply(&mut farm, &[end], 2);
+        }
+        let decision = farm.extend(job, 16, ended.as_ref()).unwrap();
+        apply(&mut farm, &decision.changes, 3);
+        let control = farm.job(job).unwrap().control();
+        let schedule = &control.schedule;
+        assert_eq!((control.iterations, control.stop), (16, None));
+        assert_eq!(
+            (schedule.deadline_ms, schedule.noise_target),
+            (None, None),
+            "ended: {ends}"
+        );
+    }
+}
+
+#[test]
 fn part_of_what_a_straggler_has_not_come_to_is_lent_again() {
     let mut farm = farm_with(8, 2);
     let block = NodeKey { level: 3, index: 0 };
     let lease = |number: u64, node| LeaseRecord {
-        token: LeaseToken(number),
+        token: token(number),
         job: JOB,
         node,
         worker: WorkerId(number),
+        serial: 0,
         attempt: 1,
         granted_ms: 0,
         expected_ms: Some(10_000),
@@ -288,7 +346,7 @@ fn part_of_what_a_straggler_has_not_come_to_is_lent_again() {
     };
     farm.evolve(&Change::LeaseGranted(lease(1, block)), 0);
     let beat = [LeaseProgress {
-        token: LeaseToken(1),
+        token: token(1),
         leaves_done: 2,
     }];
     farm.heartbeat(WorkerId(1), &beat, 19_000).unwrap();
@@ -313,10 +371,10 @@ fn totals_are_those_of_the_image_however_its_parts_came() {
     let mut lease = grant(&mut farm, 1, &[], 0).unwrap();
     lease.node = block;
     farm.evolve(&Change::LeaseGranted(lease.clone()), 0);
-    deliver(&mut farm, &delivery(&lease, NodeKey::leaf(0)), 1).unwrap();
+    deliver(&mut farm, &delivery(&lease, NodeKey::leaf(0)), 3_000).unwrap();
     let seconds = |farm: &Farm| farm.job(JOB).unwrap().totals().seconds.total();
     assert_eq!(seconds(&farm), 3.0);
-    deliver(&mut farm, &delivery(&lease, block), 2).unwrap();
+    deliver(&mut farm, &delivery(&lease, block), 6_000).unwrap();
     assert_eq!(
         seconds(&farm),
         6.0,
@@ -334,11 +392,11 @@ fn restart_often(alive: bool) -> Option<Millis> {
             farm.evolve(change, now);
         }
     };
-    let changes = farm.register(introduction(), 0).changes;
+    let changes = farm.register(introduction(), Origin::default(), 0).unwrap().changes;
     keep(&mut farm, &mut rows, changes, 0);
     let changes = farm.submit(spec(4), String::new(), None, 0).changes;
     keep(&mut farm, &mut rows, changes, 0);
-    let changes = farm.lease(WorkerId(1), &[], 0).unwrap().changes;
+    let changes = farm.lease(&asked(&farm, 1, &[]), 0).unwrap().changes;
     keep(&mut farm, &mut rows, changes, 0);
     let token = rows.jobs[&JOB].leases[0].token;
     for start in 1..100 {
@@ -378,8 +436,8 @@ fn an_iteration_that_failed_rests_and_goes_to_another_worker() {
         Snapshot::default(),
         0,
     );
-    for _ in 0..2 {
-        commit(&mut farm, 0, |farm| farm.register(introduction(), 0));
+    for name in ["w1", "w2"] {
+        hire(&mut farm, name, 0);
     }
     submit(&mut farm, 1, "", Schedule::default());
     let failed = |farm: &mut Farm, lease: &LeaseRecord, now| {
@@ -411,7 +469,7 @@ fn a_job_that_waits_says_for_what() {
     let job = submit(&mut farm, 1, "", Schedule::default());
     let reason = |farm: &Farm, now| farm.status(farm.job(job).unwrap(), now).waiting_reason;
     assert_eq!(reason(&farm, 0), Some(Waiting::NoWorker));
-    commit(&mut farm, 0, |farm| farm.register(introduction(), 0));
+    hire(&mut farm, "w1", 0);
     assert_eq!(reason(&farm, 0), Some(Waiting::Turn));
     let lease = grant(&mut farm, 1, &[], 0).unwrap();
     assert_eq!(reason(&farm, 0), None, "somebody is at work");

@@ -8,25 +8,17 @@ const JOB: JobId = JobId(1);
 fn farm_of(iterations: u32, workers: u64, verify_until: u32) -> Farm {
     let config = SchedulerConfig {
         verify_until,
-        verify_secret: 3,
+        secret: Secret([3; 32]),
         retry_ms: 0,
         longest_retry_ms: 0,
         ..SchedulerConfig::default()
     };
     let mut farm = Farm::restore(config, Snapshot::default(), 0);
-    (1..=workers).for_each(|number| hire(&mut farm, number));
+    (1..=workers).for_each(|number| _ = hire(&mut farm, &format!("w{number}"), 0));
     commit(&mut farm, 0, |farm| {
         farm.submit(spec(iterations), String::new(), None, 0)
     });
     farm
-}
-
-fn hire(farm: &mut Farm, number: u64) {
-    let register = Register {
-        name: format!("w{number}"),
-        ..introduction()
-    };
-    commit(farm, 0, |farm| farm.register(register, 0));
 }
 
 fn send(farm: &mut Farm, lease: &LeaseRecord, bits: &str) -> Delivered {
@@ -163,7 +155,7 @@ fn what_nobody_can_repeat_is_believed() {
         0,
         "there is no other worker"
     );
-    hire(&mut farm, 2);
+    hire(&mut farm, "w2", 0);
     let lease = grant(&mut farm, 1, &[], 0).unwrap();
     send(&mut farm, &lease, "right");
     assert_eq!(farm.job(JOB).unwrap().nodes_in_doubt().count(), 1);
@@ -199,7 +191,7 @@ fn failing_at_what_others_can_do_leads_to_quarantine_which_a_new_start_does_not_
     }
     assert_eq!(standing(&farm, 1).quarantine.as_deref(), Some("3 faults in a row"));
     commit(&mut farm, 0, |farm| farm.leave(WorkerId(1)));
-    hire(&mut farm, 1);
+    hire(&mut farm, "w1", 0);
     assert!(standing(&farm, 3).quarantine.is_some(), "it has the same name");
     assert_eq!(grant(&mut farm, 3, &[], 0), None);
     commit(&mut farm, 0, |farm| farm.release_worker(WorkerId(3)).unwrap());
@@ -216,7 +208,7 @@ fn two_results_for_one_node_are_decided_by_a_third_worker() {
     let mut farm = farm_of(8, 3, 0);
     let first = grant(&mut farm, 1, &[], 0).unwrap();
     let straggler = LeaseRecord {
-        token: LeaseToken(50),
+        token: token(50),
         worker: WorkerId(2),
         ..first.clone()
     };

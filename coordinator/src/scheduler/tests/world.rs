@@ -36,6 +36,8 @@ pub(super) enum Kind {
 #[derive(Clone, Debug)]
 struct Hand {
     kind: Kind,
+    /// Its latest request for work.
+    serial: u64,
     leases: Vec<LeaseRecord>,
 }
 
@@ -44,6 +46,8 @@ enum Letter {
     Node(Delivery),
     Failure(LeaseRecord, u32, FailureKind),
     Release(LeaseRecord),
+    /// A request for work that waited in a connection which had died: nobody reads the reply.
+    Ask(Asked),
 }
 
 /// How often things happened.
@@ -60,6 +64,10 @@ pub(super) struct Seen {
     pub(super) links: u64,
     /// Jobs that ended because their scene was called broken.
     pub(super) called_broken: u64,
+    /// Failures that did not count, since another worker of the same principal had failed before.
+    pub(super) repeated: u64,
+    /// Requests for work that a later one had overtaken.
+    pub(super) overtaken: u64,
 }
 
 impl Seen {
@@ -73,6 +81,8 @@ impl Seen {
         self.poisoned += other.poisoned;
         self.links += other.links;
         self.called_broken += other.called_broken;
+        self.repeated += other.repeated;
+        self.overtaken += other.overtaken;
     }
 }
 
@@ -109,7 +119,7 @@ impl World {
         };
         let config = SchedulerConfig {
             verify_until,
-            verify_secret: seed,
+            secret: Secret([seed as u8; 32]),
             ..SchedulerConfig::default()
         };
         let mut world = Self {
@@ -197,11 +207,21 @@ impl World {
             },
             ..introduction()
         };
-        let worker = self.transact(self.farm.register(register, self.now))?;
+        // Some machines register several workers with the token of a rack.
+        let origin = match self.kills && self.random.chance(30) {
+            true => Origin {
+                token: "rack".into(),
+                machine: format!("10.0.0.{}", self.random.below(2)),
+            },
+            false => Origin::default(),
+        };
+        let decision = self.farm.register(register, origin, self.now).unwrap();
+        let worker = self.transact(decision)?;
         self.hands.insert(
             worker,
             Hand {
                 kind,
+                serial: 0,
                 leases: Vec::new(),
             },
         );
@@ -419,7 +439,11 @@ impl World {
                 self.receive(letter);
             }
         }
-        let left: Vec<_> = self.farm.jobs().map(|job| self.farm.status(job, self.now)).collect();
-        panic!("no progress: {left:?}");
+        let left: Vec<_> = self
+            .farm
+            .jobs()
+            .map(|job| (self.farm.status(job, self.now), &job.failures))
+            .collect();
+        panic!("no progress: {left:?}, {:?}", self.farm.workers);
     }
 }

@@ -1,8 +1,7 @@
 //! The worker protocol, from the worker's side, without a renderer.
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use axum::body::Bytes;
-use photonfarm_proto::api::JobPage;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -14,12 +13,16 @@ use photonfarm_proto::worker::{
 };
 use reqwest::{Body, Response};
 use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A coordinator.
 #[derive(Clone)]
 pub(crate) struct Farm {
     http: reqwest::Client,
     url: String,
+    /// Counts requests for work, of all workers together.
+    serial: Arc<AtomicU64>,
 }
 
 /// The pixels that every node is said to have.
@@ -55,6 +58,7 @@ impl Farm {
         Ok(Self {
             http,
             url: url.trim_end_matches('/').to_owned(),
+            serial: Arc::new(AtomicU64::new(1)),
         })
     }
 
@@ -76,12 +80,8 @@ impl Farm {
     }
 
     pub(crate) async fn status(&self, job: JobId) -> Result<JobStatus> {
-        let page: JobPage = succeed(self.http.get(self.path("jobs")).send().await?)
-            .await?
-            .json()
-            .await?;
-        let found = page.jobs.into_iter().find(|status| status.id == job);
-        found.ok_or_else(|| anyhow!("the coordinator does not list job {job}"))
+        let answer = self.http.get(self.path(&format!("jobs/{job}"))).send().await?;
+        Ok(succeed(answer).await?.json().await?)
     }
 
     /// Registers a worker that says to have the coordinator's renderer.
@@ -104,6 +104,7 @@ impl Farm {
     pub(crate) async fn lease(&self, worker: WorkerId, wait_ms: u64) -> Result<Option<Lease>> {
         let request = LeaseRequest {
             worker,
+            serial: self.serial.fetch_add(1, Ordering::Relaxed),
             held: Vec::new(),
             wait_ms,
         };

@@ -4,6 +4,8 @@ use crate::farm::{Farm, Planes};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use photonfarm_proto::id::JobId;
+use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::worker::Lease;
 use photonfarm_tests::processes::Coordinator;
 use std::fs::File;
 use std::io::{Read, Write};
@@ -17,9 +19,9 @@ pub(crate) struct Options {
     /// Iterations of the job.
     #[arg(long, default_value_t = 512)]
     iterations: u32,
-    /// How long an iteration is said to have taken [s]: leases are sized by it.
-    #[arg(long, default_value_t = 4.0)]
-    seconds_per_iteration: f64,
+    /// Nodes have at most two to this power iterations: larger leases are delivered in parts.
+    #[arg(long, default_value_t = 2)]
+    level: u32,
     /// Workers that deliver at once.
     #[arg(long, default_value_t = 4)]
     workers: u32,
@@ -30,6 +32,9 @@ pub(crate) struct Options {
     #[arg(long, default_value_t = 1080)]
     height: u32,
 }
+
+/// What an iteration is said to take [s]; it is believed to take no longer than its lease has lasted.
+const SECONDS: f64 = 60.0;
 
 /// Images of the plain copy.
 const COPIES: u32 = 32;
@@ -63,13 +68,7 @@ pub(crate) fn measure(
     let workers: Vec<_> = (0..options.workers)
         .map(|number| {
             let name = format!("simulated-{number}");
-            runtime.spawn(deliver(
-                farm.clone(),
-                job,
-                name,
-                planes.clone(),
-                options.seconds_per_iteration,
-            ))
+            runtime.spawn(deliver(farm.clone(), job, name, planes.clone(), options.level))
         })
         .collect();
     let mut looks = 0;
@@ -106,16 +105,26 @@ pub(crate) fn measure(
 }
 
 /// A worker that delivers as fast as it can, until its job ends; the number of nodes.
-async fn deliver(farm: Farm, job: JobId, name: String, planes: Planes, seconds: f64) -> Result<u32> {
+async fn deliver(farm: Farm, job: JobId, name: String, planes: Planes, level: u32) -> Result<u32> {
     let worker = farm.register(name).await?.worker;
     let mut nodes = 0;
     while !farm.status(job).await?.state.ended() {
         if let Some(lease) = farm.lease(worker, SHORT_WAIT_MS).await? {
-            farm.deliver(&lease, &planes, seconds).await?;
-            nodes += 1;
+            for node in parts(lease.node, level) {
+                farm.deliver(&Lease { node, ..lease }, &planes, SECONDS).await?;
+                nodes += 1;
+            }
         }
     }
     Ok(nodes)
+}
+
+/// A node, or its parts of a level below it, from left to right.
+fn parts(node: NodeKey, level: u32) -> impl Iterator<Item = NodeKey> {
+    let level = level.min(node.level);
+    let below = node.level - level;
+    let first = node.index << below;
+    (first..first + (1 << below)).map(move |index| NodeKey { level, index })
 }
 
 /// Seconds to send [`COPIES`] images through loopback sockets, `threads` at once, to files that are synced to disk.

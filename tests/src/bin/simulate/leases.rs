@@ -3,9 +3,11 @@
 use crate::farm::{Farm, Planes};
 use anyhow::{Result, ensure};
 use clap::Args;
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::worker::Lease;
-use std::sync::Arc;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 #[derive(Args)]
@@ -16,12 +18,19 @@ pub(crate) struct Options {
     /// How long each pretends to render a lease [ms]; 0 asks for as much as the coordinator gives.
     #[arg(long, default_value_t = 10_000)]
     render_ms: u64,
+    /// Jobs of this many iterations each, of which the state is full before the measurement.
+    #[arg(long, default_value_t = 1_000_000)]
+    iterations: u32,
+    /// How many such jobs.
+    #[arg(long, default_value_t = 1)]
+    jobs: u32,
     /// How long to measure, once all workers are at work [s].
     #[arg(long, default_value_t = 30)]
     seconds: u64,
 }
 
-/// An iteration is said to take as long as a lease should, so that every lease is of one iteration.
+/// An iteration is said to take longer than a lease should. It is believed to take as long as its lease lasts, so that leases are of
+/// one iteration where pretending to render takes a second or more (`--lease-seconds 1`).
 const SECONDS_PER_ITERATION: f64 = 60.0;
 
 /// The longest wait for a lease in one request [ms].
@@ -33,12 +42,22 @@ const SIDE: u32 = 8;
 #[derive(Default)]
 struct Tally {
     delivered: AtomicU64,
+    /// Iterations delivered, by job.
+    iterations: Mutex<BTreeMap<JobId, u64>>,
     lost: AtomicU64,
     heartbeats: AtomicU64,
 }
 
 pub(crate) async fn measure(farm: &Farm, options: &Options) -> Result<()> {
-    let job = farm.submit(1_000_000).await?;
+    let submitting = Instant::now();
+    for _ in 0..options.jobs {
+        farm.submit(options.iterations).await?;
+    }
+    println!(
+        "{} jobs submitted in {:.1} s",
+        options.jobs,
+        submitting.elapsed().as_secs_f64()
+    );
     let planes = Planes::new(SIDE, SIDE);
     let tally = Arc::new(Tally::default());
     let registering = Instant::now();
@@ -72,6 +91,8 @@ pub(crate) async fn measure(farm: &Farm, options: &Options) -> Result<()> {
                     if pretend(&farm, &lease, render, beat, &tally).await? {
                         farm.deliver(&lease, &planes, SECONDS_PER_ITERATION).await?;
                         tally.delivered.fetch_add(1, Ordering::Relaxed);
+                        let mut iterations = tally.iterations.lock().unwrap_or_else(PoisonError::into_inner);
+                        *iterations.entry(lease.job).or_default() += lease.node.leaves();
                     }
                 }
                 anyhow::Ok(waits)
@@ -85,7 +106,16 @@ pub(crate) async fn measure(farm: &Farm, options: &Options) -> Result<()> {
     waits.sort_by(f64::total_cmp);
     ensure!(!waits.is_empty(), "no lease was given");
     let at = |share: f64| waits[((waits.len() - 1) as f64 * share) as usize];
-    let status = farm.status(job).await?;
+    let iterations = std::mem::take(&mut *tally.iterations.lock().unwrap_or_else(PoisonError::into_inner));
+    let mut counted = 0;
+    for (job, delivered) in iterations {
+        let done = farm.status(job).await?.iterations_done;
+        ensure!(
+            done == delivered,
+            "every iteration of job {job} that was delivered counts once"
+        );
+        counted += done;
+    }
     let delivered = tally.delivered.load(Ordering::Relaxed);
     println!(
         "{} workers, registered in {registered:.1} s: {:.0} leases per second over {} s",
@@ -100,12 +130,10 @@ pub(crate) async fn measure(farm: &Farm, options: &Options) -> Result<()> {
         at(1.0)
     );
     println!(
-        "{delivered} nodes delivered, {} iterations counted, {} leases lost, {} heartbeats",
-        status.iterations_done,
+        "{delivered} nodes delivered, {counted} iterations counted, {} leases lost, {} heartbeats",
         tally.lost.load(Ordering::Relaxed),
         tally.heartbeats.load(Ordering::Relaxed)
     );
-    ensure!(status.iterations_done == delivered, "every node delivered counts once");
     Ok(())
 }
 

@@ -64,7 +64,8 @@ fn main() -> Result<()> {
         None => {
             let state = cluster.as_ref().map(Postgres::database);
             let options = state.iter().flat_map(|url| ["--state", url]);
-            let options: Vec<&str> = options.collect();
+            // Leases are short, so that workers ask for many.
+            let options: Vec<&str> = options.chain(["--lease-seconds", "1"]).collect();
             Some(Coordinator::start_with(&folder.join("farm"), &options))
         }
     };

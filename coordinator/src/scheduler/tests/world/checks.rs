@@ -7,8 +7,8 @@ impl World {
     pub(super) fn check_change(&mut self, change: &Change) {
         match change {
             Change::LeaseGranted(lease) => {
-                assert!(lease.token.0 > self.highest_token, "tokens rise");
-                self.highest_token = lease.token.0;
+                assert!(lease.token.number > self.highest_token, "tokens rise");
+                self.highest_token = lease.token.number;
                 let job = self.farm.job(lease.job).unwrap();
                 let worker = &self.farm.workers[&lease.worker];
                 assert!(worker.fits(job) && !job.is_paused() && lease.node.end() <= job.leaves());
@@ -39,6 +39,7 @@ impl World {
             Change::WorkerJudged { worker, standing } => self.check_standing(*worker, standing),
             Change::JobChanged { control, .. } => self.seen.stops += u64::from(control.stop.is_some()),
             Change::JobReopened { .. } => self.seen.reopened += 1,
+            Change::LeafFailed { attempt, .. } => self.seen.repeated += u64::from(attempt.repeated),
             _ => {}
         }
     }
@@ -52,14 +53,16 @@ impl World {
         let Some(reason) = &standing.quarantine else { return };
         self.seen.quarantines += 1;
         let refuted = reason.contains("two others agree");
+        let mut namesakes = self.farm.namesakes(&self.farm.workers[&worker].record);
+        let deserves = |worker: &WorkerId| self.dishonest.contains(worker) || self.by_hand.contains(worker);
         assert!(
-            !refuted || self.dishonest.contains(&worker) || self.by_hand.contains(&worker),
+            !refuted || namesakes.any(|other| deserves(&other.record.id)),
             "{worker}: {reason}"
         );
         assert!(self.mode != Mode::Guarded || !self.guards.contains(&worker), "{reason}");
     }
 
-    /// What counts is disjoint and within the job; what two agreed about is right; what is remembered is kept.
+    /// What counts is disjoint and within the job; what two principals agreed about is right; what is remembered is kept.
     pub(in crate::scheduler::tests) fn check(&self) {
         let mut tokens = BTreeSet::new();
         for job in self.farm.jobs() {

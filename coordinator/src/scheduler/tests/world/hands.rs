@@ -2,6 +2,7 @@
 
 use super::model::{honest, lie, links, mix, statistics, word};
 use super::*;
+use crate::scheduler::record::Principal;
 
 impl World {
     pub(super) fn some_hand(&mut self) -> Option<WorkerId> {
@@ -35,9 +36,18 @@ impl World {
     }
 
     pub(super) fn ask_for(&mut self, worker: WorkerId) {
-        let held: Vec<LeaseToken> = self.hands[&worker].leases.iter().map(|lease| lease.token).collect();
-        let _ = self.farm.seen(worker, self.now);
-        let Ok(decision) = self.farm.lease(worker, &held, self.now) else {
+        let hand = self.hands.get_mut(&worker).unwrap();
+        hand.serial += 1;
+        let asked = Asked {
+            worker,
+            serial: hand.serial,
+            held: hand.leases.iter().map(|lease| lease.token).collect(),
+        };
+        if self.kills && self.random.chance(15) {
+            self.post.push(Letter::Ask(asked.clone()));
+        }
+        let _ = self.farm.asks(worker, asked.serial, self.now);
+        let Ok(decision) = self.farm.lease(&asked, self.now) else {
             self.hands.remove(&worker);
             return;
         };
@@ -105,6 +115,7 @@ impl World {
             .integrator
             .with_defaults()
             .is_sequential();
+        let principal = self.farm.principal_of(worker);
         let lies = kind == Kind::Liar && self.random.chance(60);
         let cursed = |leaf: &u64| self.cursed.contains(&(lease.job, *leaf as u32));
         let mut bad = (lease.node.first()..lease.node.end()).find(cursed).filter(|_| !lies);
@@ -118,7 +129,7 @@ impl World {
         let after = &mut self.after;
         let mut render = |node: NodeKey| {
             let digest = match (lies, is_chain) {
-                (true, _) => lie(worker, lease.job, node),
+                (true, _) => lie(principal, lease.job, node),
                 (false, true) => links(lease.job, node, before).0,
                 (false, false) => honest(lease.job, node),
             };
@@ -174,22 +185,35 @@ impl World {
         }
     }
 
+    /// A request that was on its way for long ends no lease that a later one was granted.
+    fn receive_late(&mut self, asked: &Asked) {
+        let Ok(decision) = self.farm.lease(asked, self.now) else {
+            return;
+        };
+        let leases = self.farm.leases_of(asked.worker);
+        let later: Vec<LeaseToken> = leases.filter(|l| l.serial >= asked.serial).map(|l| l.token).collect();
+        for change in &decision.changes {
+            assert!(!matches!(change, Change::LeaseEnded { token, .. } if later.contains(token)));
+        }
+        self.seen.overtaken += u64::from(decision.changes.is_empty() && !later.is_empty());
+        self.transact(decision);
+    }
+
     pub(super) fn receive(&mut self, letter: Letter) {
         let (job, decision) = match letter {
             Letter::Node(delivery) => {
-                let mut decision = self.farm.deliver(&delivery, self.now);
+                let decision = self.farm.deliver(&delivery, self.now);
                 if let Err(Refusal::UnknownJob(_)) = decision {
-                    let record = self.rows.jobs[&delivery.job].clone();
-                    let (reply, changes) = match Job::from_record(record).deliver(&delivery, false) {
+                    let job = Job::from_record(self.rows.jobs[&delivery.job].clone());
+                    let (reply, changes) = match job.deliver(&delivery, Principal::default(), false) {
                         Ok(found) => found,
                         Err(refusal) => return self.check_refusal(&refusal),
                     };
                     assert_eq!((reply, changes), (Delivered::Duplicate, vec![]));
                     return;
                 }
-                if let Ok(known) = &mut decision {
+                if let Ok(known) = &decision {
                     assert!(known.reply != Delivered::Disputed || self.mode != Mode::Honest);
-                    self.farm.observe(&delivery, self.now);
                 }
                 (delivery.job, decision.map(|d| Decision::new((), d.changes)))
             }
@@ -203,6 +227,7 @@ impl World {
                 let decision = self.farm.fail(lease.job, lease.token, leaf, attempt, self.now);
                 (lease.job, decision)
             }
+            Letter::Ask(asked) => return self.receive_late(&asked),
             Letter::Release(lease) => (lease.job, Ok(self.farm.release(lease.job, lease.token, lease.worker))),
         };
         match decision {

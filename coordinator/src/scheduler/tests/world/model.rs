@@ -1,7 +1,8 @@
 //! Random numbers, and what nodes are: a digest is a hash of what the node consists of.
 
 use crate::scheduler::Job;
-use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
+use crate::scheduler::record::Principal;
+use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::node::NodeKey;
 
 /// SplitMix64.
@@ -89,10 +90,10 @@ pub(super) fn links(job: JobId, node: NodeKey, before: u64) -> (BlobHash, u64) {
     (sum(left, right), after)
 }
 
-/// No two lies are the same.
-pub(super) fn lie(worker: WorkerId, job: JobId, node: NodeKey) -> BlobHash {
+/// A principal tells the same lie by all of its workers, and no two principals tell the same.
+pub(super) fn lie(principal: Principal, job: JobId, node: NodeKey) -> BlobHash {
     hash(
-        worker.0,
+        principal.0,
         job.0 << 40 | u64::from(node.level) << 32 | u64::from(node.index),
         2,
     )

@@ -1,0 +1,156 @@
+//! Workers: they come, belong to somebody, and go.
+
+use super::record::{Change, LeaseRecord, Millis, Origin, Principal, Standing, WorkerRecord};
+use super::{Decision, Farm, Refusal};
+use photonfarm_proto::api::WorkerStatus;
+use photonfarm_proto::id::WorkerId;
+use photonfarm_proto::worker::Register;
+
+/// A registered worker.
+#[derive(Clone, Debug)]
+pub(super) struct Worker {
+    pub(super) record: WorkerRecord,
+    /// Who is behind it.
+    pub(super) principal: Principal,
+    pub(super) last_seen_ms: Millis,
+    /// The latest of its requests for work.
+    pub(super) serial: u64,
+}
+
+impl Worker {
+    pub(super) fn new(record: WorkerRecord, now: Millis) -> Self {
+        Self {
+            principal: record.principal(),
+            record,
+            last_seen_ms: now,
+            serial: 0,
+        }
+    }
+
+    fn id(&self) -> WorkerId {
+        self.record.id
+    }
+
+    /// Whether it is in quarantine.
+    pub(super) fn is_held(&self) -> bool {
+        self.record.standing.quarantine.is_some()
+    }
+}
+
+impl Farm {
+    /// The workers heard of lately, oldest first.
+    #[must_use]
+    pub fn worker_statuses(&self, now: Millis) -> Vec<WorkerStatus> {
+        let status = |worker: &Worker| WorkerStatus {
+            id: worker.record.id,
+            name: worker.record.name.clone(),
+            threads: worker.record.threads,
+            renderer: worker.record.renderer.clone(),
+            tags: worker.record.tags.clone(),
+            token: worker.record.origin.token.clone(),
+            machine: worker.record.origin.machine.clone(),
+            verified: worker.record.standing.verified,
+            faults: worker.record.standing.faults,
+            quarantine: worker.record.standing.quarantine.clone(),
+            silent_ms: now.saturating_sub(worker.last_seen_ms),
+            leases: self.leases_of(worker.record.id).count() as u32,
+        };
+        self.workers.values().map(status).collect()
+    }
+
+    pub(super) fn leases_of(&self, worker: WorkerId) -> impl Iterator<Item = &LeaseRecord> {
+        let records = self
+            .jobs
+            .values()
+            .flat_map(|job| job.leases.values().map(|lease| &lease.record));
+        records.filter(move |record| record.worker == worker)
+    }
+
+    /// A worker introduces itself. One that has the name of another in quarantine is there, too.
+    ///
+    /// # Errors
+    /// Too many workers of its token, none of which is gone.
+    pub fn register(&self, register: Register, origin: Origin, now: Millis) -> Result<Decision<WorkerId>, Refusal> {
+        let id = WorkerId(self.counters.worker + 1);
+        let mut record = WorkerRecord {
+            id,
+            name: register.name,
+            threads: register.threads,
+            renderer: register.renderer,
+            tags: register.tags,
+            origin,
+            standing: Standing::default(),
+        };
+        let is_gone = |other: &&Worker| self.is_silent(other, now) && !self.holds_leases(other);
+        let held: Vec<&Worker> = self.namesakes(&record).filter(|other| other.is_held()).collect();
+        if let Some(other) = held.first() {
+            record.standing = other.record.standing.clone();
+        }
+        let mut forgotten: Vec<WorkerId> = held.into_iter().filter(is_gone).map(Worker::id).collect();
+        let of_token = || {
+            let token = &record.origin.token;
+            self.workers
+                .values()
+                .filter(move |other| other.record.origin.token == *token)
+        };
+        let (registered, most) = (of_token().count(), self.config.most_workers);
+        if registered - forgotten.len() >= most {
+            let dispensable = of_token().filter(|other| is_gone(other) && !other.is_held());
+            let oldest = dispensable.min_by_key(|other| other.last_seen_ms);
+            forgotten.push(oldest.ok_or(Refusal::TooManyWorkers { registered, most })?.id());
+        }
+        let mut changes: Vec<Change> = forgotten.into_iter().map(Change::WorkerForgotten).collect();
+        changes.push(Change::WorkerRegistered(record));
+        Ok(Decision::new(id, changes))
+    }
+
+    /// The workers for which quarantine of this one holds, itself among them.
+    pub(super) fn namesakes(&self, record: &WorkerRecord) -> impl Iterator<Item = &Worker> {
+        self.workers
+            .values()
+            .filter(move |other| other.record.is_namesake(record))
+    }
+
+    /// Refuses somebody who speaks for a worker that was registered with another token. A worker that is not known belongs to
+    /// nobody, and holds nothing.
+    pub fn check_token(&self, worker: WorkerId, token: &str) -> Result<(), Refusal> {
+        match self.workers.get(&worker) {
+            Some(known) if known.record.origin.token != token => Err(Refusal::ForeignWorker(worker)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a worker is registered.
+    #[must_use]
+    pub fn knows(&self, worker: WorkerId) -> bool {
+        self.workers.contains_key(&worker)
+    }
+
+    /// Who is behind a worker, as far as it is known.
+    pub(super) fn principal_of(&self, worker: WorkerId) -> Principal {
+        let known = self.workers.get(&worker);
+        known.map_or_else(Principal::default, |worker| worker.principal)
+    }
+
+    pub(super) fn is_silent(&self, worker: &Worker, now: Millis) -> bool {
+        now.saturating_sub(worker.last_seen_ms) >= self.config.lease_ttl_ms
+    }
+
+    pub(super) fn holds_leases(&self, worker: &Worker) -> bool {
+        self.leases_of(worker.record.id).next().is_some()
+    }
+
+    /// A worker ends: its leases go back, without blame.
+    #[must_use]
+    pub fn leave(&self, worker: WorkerId) -> Decision<()> {
+        let ended = |lease: &LeaseRecord| Change::LeaseEnded {
+            job: lease.job,
+            token: lease.token,
+        };
+        let mut changes: Vec<Change> = self.leases_of(worker).map(ended).collect();
+        if self.workers.get(&worker).is_some_and(|worker| !worker.is_held()) {
+            changes.push(Change::WorkerForgotten(worker));
+        }
+        Decision::new((), changes)
+    }
+}
