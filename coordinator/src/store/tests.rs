@@ -273,7 +273,8 @@ async fn a_farm_of_the_first_version_goes_on() {
     ];
     assert_eq!(job.nodes, nodes);
     let lease = &job.leases[0];
-    assert_eq!((lease.token, lease.node), (token(7), NodeKey { level: 1, index: 1 }));
+    let old = LeaseToken { number: 7, nonce: 0 };
+    assert_eq!((lease.token, lease.node), (old, NodeKey { level: 1, index: 1 }));
     assert_eq!((snapshot.workers[0].id, snapshot.workers[0].threads), (WorkerId(1), 2));
     SqliteStore::open(&path).unwrap();
 }

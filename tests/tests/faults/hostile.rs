@@ -469,7 +469,7 @@ fn wrong_bits_of_every_node_are_found_out() {
     assert!(is_held(&client, "liar"));
     check_standing(&client);
     let (coordinators, _) = farm.settle();
-    assert!(coordinators.contains("worker is in quarantine"), "{coordinators}");
+    assert!(coordinators.contains("(liar) is in quarantine"), "{coordinators}");
 }
 
 /// An attacker who is alone begins a chain with a lie, honest workers go on from it, and then the attacker is found out at
