@@ -10,12 +10,15 @@ const HEAD: &str = "# Configuration\n\n\
     `RUST_LOG` chooses what the log tells.\n";
 
 /// Programs and subcommands.
-const COMMANDS: [(&str, &[&str]); 5] = [
+const COMMANDS: [(&str, &[&str]); 8] = [
     ("photonfarm", &["serve"]),
     ("photonfarm-worker", &[]),
     ("photonfarm", &["submit"]),
+    ("photonfarm", &["wait"]),
+    ("photonfarm", &["resubmit"]),
     ("photonfarm", &["render"]),
     ("photonfarm", &["token", "create"]),
+    ("photonfarm", &["backup"]),
 ];
 
 fn help(name: &str, arguments: &[&str]) -> String {

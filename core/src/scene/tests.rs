@@ -28,7 +28,7 @@ fn a_scene_without_a_sensor_is_seen_whole_as_in_mitsuba() {
         warnings.len() == 1 && warnings[0].starts_with("main.xml:1: the scene has no <sensor>"),
         "{warnings:?}"
     );
-    // Mitsuba 3.9.1 puts its camera at z = min.z - extent / (2 tan 22.5 degrees) for the bounds (0, 1, 2) to (2, 3, 4).
+    // As the source of Mitsuba 3 has it, the camera stands at z = min.z - extent / (2 tan 22.5 degrees) for the bounds (0, 1, 2) to (2, 3, 4).
     let middle = scene.sensor.ray(Vec2::new(384.0, 288.0), Vec2::ZERO);
     assert!((middle.direction - Vec3::Z).length() < 1e-6, "{middle:?}");
     let eye = middle.origin - middle.direction * scene.sensor.clip[0];
