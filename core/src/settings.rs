@@ -4,9 +4,9 @@
 use crate::random::Sampling;
 use crate::scene::Wishes;
 use serde::de::{Deserializer, Error as _, MapAccess, Visitor};
-use serde::ser::{Error as _, Serializer};
+use serde::ser::Serializer;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Map, Number, Value};
 use std::collections::BTreeSet;
 use std::fmt;
 use thiserror::Error;
@@ -92,9 +92,25 @@ const MAX_DEPTH: &str = "max_depth";
 
 /// The settings by name, the integrator's name under `type`.
 fn fields_of(settings: &IntegratorSettings) -> Map<String, Value> {
-    match serde_json::to_value(settings) {
-        Ok(Value::Object(fields)) => fields,
-        _ => Map::new(),
+    let Ok(Value::Object(mut fields)) = serde_json::to_value(settings) else {
+        return Map::new();
+    };
+    fields.values_mut().for_each(shorten);
+    fields
+}
+
+/// Numbers of single precision with as few digits as tell them apart: 0.2, not 0.20000000298023224.
+fn shorten(value: &mut Value) {
+    match value {
+        Value::Array(items) => items.iter_mut().for_each(shorten),
+        Value::Number(number) => {
+            let wide = number.as_f64().filter(|_| number.is_f64());
+            let short = wide.and_then(|wide| (wide as f32).to_string().parse().ok());
+            if let Some(short) = short.and_then(Number::from_f64) {
+                *number = short;
+            }
+        }
+        _ => {}
     }
 }
 
@@ -107,11 +123,9 @@ impl From<IntegratorSettings> for IntegratorRequest {
 
 impl Serialize for IntegratorRequest {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut value = serde_json::to_value(&self.settings).map_err(S::Error::custom)?;
-        if let Value::Object(fields) = &mut value {
-            fields.retain(|name, _| !self.open.contains(name));
-        }
-        value.serialize(serializer)
+        let mut fields = fields_of(&self.settings);
+        fields.retain(|name, _| !self.open.contains(name));
+        fields.serialize(serializer)
     }
 }
 
@@ -552,6 +566,8 @@ mod tests {
             "no limit is a limit that is given"
         );
         assert_eq!(IntegratorRequest::from(settings.clone()), given);
+        let text = serde_json::to_string(&request(json!({"type": "pcf", "alpha": 0.2, "theta1": 1e-3}))).unwrap();
+        assert_eq!(text, r#"{"alpha":0.2,"theta1":0.001,"type":"pcf"}"#);
         assert!(given.resolve(&Wishes::default()).is_ok());
         let bad = request(json!({"type": "path", "samples": 0}));
         assert_eq!(bad.resolve(&wishes(None)).unwrap_err().name, "samples");

@@ -16,7 +16,7 @@ use std::path::Path;
 
 const SEEDS: u64 = 32;
 /// Pixels across and down.
-const SIZE: usize = 10;
+const SIZE: usize = 12;
 const PHOTONS: u32 = 1000;
 
 fn scene(name: &str) -> Scene {
@@ -34,7 +34,6 @@ fn settings(integrator: &str, sampling: Sampling) -> IntegratorSettings {
     };
     match integrator {
         "path" => IntegratorSettings::Path(PathSettings {
-            samples: 1,
             sampling,
             ..Default::default()
         }),
@@ -51,7 +50,7 @@ fn settings(integrator: &str, sampling: Sampling) -> IntegratorSettings {
 }
 
 /// Numbers of iterations; not all are powers of two.
-const COUNTS: [u32; 3] = [4, 7, 16];
+const COUNTS: [u32; 3] = [4, 13, 16];
 
 /// The pictures of the first iterations of a job, as many as [`COUNTS`] says.
 fn pictures(scene: &Scene, settings: &IntegratorSettings, seed: u64) -> Vec<Image> {
