@@ -196,12 +196,13 @@ mod tests {
 
     #[tokio::test]
     async fn what_does_not_speak_http_is_named() {
-        use tokio::io::AsyncWriteExt;
+        use tokio::io::{AsyncReadExt, AsyncWriteExt};
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let port = listener.local_addr().unwrap().port();
         // A TLS alert, which is what a TLS server answers to a request in clear text.
         tokio::spawn(async move {
             while let Ok((mut stream, _)) = listener.accept().await {
+                let _ = stream.read(&mut [0; 16]).await;
                 let _ = stream.write_all(&[0x15, 3, 3, 0, 2, 2, 50]).await;
             }
         });
