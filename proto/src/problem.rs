@@ -41,6 +41,8 @@ pub enum ErrorCode {
     NoImageYet,
     /// The job has ended.
     JobEnded,
+    /// The job goes on.
+    JobGoesOn,
     /// The lease has expired or was revoked: its work is void.
     StaleLease,
     /// The worker is unknown to this coordinator and must register again.
@@ -65,7 +67,7 @@ impl ErrorCode {
             Self::Forbidden | Self::Quota => 403,
             Self::NotFound | Self::NoImageYet | Self::UnknownWorker => 404,
             Self::MethodNotAllowed => 405,
-            Self::BundleIncomplete | Self::JobEnded | Self::StaleLease | Self::ResultConflict => 409,
+            Self::BundleIncomplete | Self::JobEnded | Self::JobGoesOn | Self::StaleLease | Self::ResultConflict => 409,
             Self::Limit => 413,
             Self::UnsupportedMediaType => 415,
             Self::Invalid | Self::ContentMismatch | Self::IdempotencyKeyReused => 422,
@@ -95,6 +97,7 @@ impl ErrorCode {
             Self::IdempotencyKeyReused => "The idempotency key belongs to another request",
             Self::NoImageYet => "The job has no image yet",
             Self::JobEnded => "The job has ended",
+            Self::JobGoesOn => "The job goes on",
             Self::StaleLease => "The lease has expired or was revoked",
             Self::UnknownWorker => "The worker is not registered",
             Self::VersionMismatch => "The versions do not match",

@@ -10,11 +10,12 @@ const HEAD: &str = "# Configuration\n\n\
     `RUST_LOG` chooses what the log tells.\n";
 
 /// Programs and subcommands.
-const COMMANDS: [(&str, &[&str]); 8] = [
+const COMMANDS: [(&str, &[&str]); 9] = [
     ("photonfarm", &["serve"]),
     ("photonfarm-worker", &[]),
     ("photonfarm", &["submit"]),
     ("photonfarm", &["wait"]),
+    ("photonfarm", &["delete"]),
     ("photonfarm", &["resubmit"]),
     ("photonfarm", &["render"]),
     ("photonfarm", &["token", "create"]),

@@ -68,6 +68,7 @@ fn readers_that_leave_early_are_no_failure() {
         &submit,
         &["cancel", "1"],
         &["resubmit", "1"],
+        &["delete", "1"],
     ] {
         let arguments = [arguments, &["--coordinator", &coordinator.url]].concat();
         let output = command(&arguments).stdout(broken_pipe()).output().unwrap();
@@ -85,6 +86,34 @@ fn readers_that_leave_early_are_no_failure() {
         .unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("cannot write to standard output"));
+}
+
+#[test]
+fn jobs_are_deleted_but_those_that_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let coordinator = Coordinator::start(&folder.path().join("farm"));
+    let scene = scene("constant.xml");
+    let submit = [["submit", text(&scene), "--iterations", "1"].as_slice(), &JOB].concat();
+    for _ in 0..3 {
+        printed(&on_farm(&coordinator, &submit));
+    }
+    for job in ["1", "3"] {
+        printed(&on_farm(&coordinator, &["cancel", job]));
+    }
+    let output = on_farm(&coordinator, &["delete", "1", "2", "3"]);
+    let (lines, errors) = (
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr),
+    );
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert_eq!(lines, "job 1 is deleted\njob 3 is deleted\n");
+    assert!(
+        errors.contains("job 2 is not deleted") && errors.contains("cancel it first"),
+        "{errors}"
+    );
+    let errors = on_farm(&coordinator, &["jobs", "1"]).stderr;
+    assert!(String::from_utf8_lossy(&errors).contains("there is no job 1"));
+    assert!(printed(&on_farm(&coordinator, &["jobs"])).starts_with("2  queued"));
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! The command line as typed.
 
-use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration};
+use crate::steer_args::{
+    DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
+};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_proto::token::Role;
@@ -156,6 +158,8 @@ pub(crate) enum Command {
     Resume(JobArg),
     /// End a job; what has arrived stays
     Cancel(JobArg),
+    /// Delete jobs that have ended, with their pictures; one that goes on is to be cancelled first
+    Delete(DeleteArgs),
     /// Submit what a job asks for again, as a new job, and cancel the old one if it goes on: for one that failed, was
     /// cancelled, or is bound to a renderer that no worker has any more. Its deadline is left out
     Resubmit(JobArg),

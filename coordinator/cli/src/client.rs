@@ -10,13 +10,14 @@ use photonfarm_proto::api::{
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobStatus};
-use photonfarm_proto::problem::Problem;
+use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_worker::transfer::{self, SILENCE, TransferError};
 use photonfarm_worker::{Credentials, explain, is_lasting};
 use reqwest::header::CONTENT_TYPE;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
@@ -156,6 +157,20 @@ impl Client {
         Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
     }
 
+    /// Deletes a job. One that is gone when it is asked again was deleted: the answer was lost.
+    pub(crate) async fn delete_job(&self, job: JobId) -> Result<()> {
+        let path = format!("jobs/{job}");
+        let asked = Cell::new(0);
+        let request = || {
+            asked.set(asked.get() + 1);
+            self.request(Method::DELETE, &path)
+        };
+        match self.retry(FIRST_PATIENCE, request).await {
+            Err(error) if asked.get() > 1 && is_gone(&error) => Ok(()),
+            answer => answer.map(drop),
+        }
+    }
+
     /// Sets the priority of a job.
     pub(crate) async fn set_priority(&self, job: JobId, priority: &SetPriority) -> Result<JobStatus> {
         let path = format!("jobs/{job}/priority");
@@ -274,6 +289,11 @@ impl Client {
             pause = (pause * 2).min(LONGEST_PAUSE);
         }
     }
+}
+
+fn is_gone(error: &anyhow::Error) -> bool {
+    let problem = error.downcast_ref::<Problem>();
+    problem.is_some_and(|problem| problem.code == ErrorCode::NotFound)
 }
 
 /// Whether an answer is one, or there may be one later.

@@ -51,6 +51,7 @@ fn main() -> ExitCode {
         Command::Pause(args) => steer::act(args, "pause"),
         Command::Resume(args) => steer::act(args, "resume"),
         Command::Cancel(args) => steer::act(args, "cancel"),
+        Command::Delete(args) => steer::delete(args),
         Command::Resubmit(args) => steer::resubmit(args),
         Command::Extend(args) => steer::extend(args),
         Command::Priority(args) => steer::priority(args),

@@ -1,10 +1,10 @@
-//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `resubmit`, `extend`, `priority`, `workers`: looks at a farm and steers it.
+//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `delete`, `resubmit`, `extend`, `priority`, `workers`: looks at a farm and steers it.
 
 use crate::args::CredentialArgs;
 use crate::client::Client;
 use crate::say;
-use crate::steer_args::{ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
-use anyhow::{Context, Result};
+use crate::steer_args::{DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
+use anyhow::{Context, Result, ensure};
 use photonfarm_proto::api::{Extend, Quarantine, SetPriority, WorkerStatus};
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::schedule::StopReason;
@@ -38,6 +38,25 @@ pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
 pub(crate) fn act(args: JobArg, action: &'static str) -> Result<()> {
     steer(&args, async |client: Client| {
         client.post_job(args.job, action, &serde_json::json!({})).await
+    })
+}
+
+/// Deletes jobs that have ended; one that cannot be deleted keeps no other from it.
+pub(crate) fn delete(args: DeleteArgs) -> Result<()> {
+    block_on(async {
+        let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
+        let mut failed = 0;
+        for job in &args.jobs {
+            match client.delete_job(*job).await {
+                Ok(()) => say::line(format_args!("job {job} is deleted"))?,
+                Err(error) => {
+                    say::tell(format_args!("job {job} is not deleted: {}", say::causes(&error)));
+                    failed += 1;
+                }
+            }
+        }
+        ensure!(failed == 0, "{failed} of {} jobs are not deleted", args.jobs.len());
+        Ok(())
     })
 }
 

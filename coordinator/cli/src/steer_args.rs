@@ -47,6 +47,15 @@ pub(crate) struct JobArg {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct DeleteArgs {
+    /// Numbers of the jobs
+    #[arg(value_name = "JOB", required = true)]
+    pub(crate) jobs: Vec<JobId>,
+    #[command(flatten)]
+    pub(crate) farm: FarmArgs,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct WaitArgs {
     /// Number of the job
     #[arg(value_name = "JOB")]

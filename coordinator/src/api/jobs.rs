@@ -1,4 +1,4 @@
-//! Jobs: submit, follow, cancel, look at.
+//! Jobs: submit, follow, cancel, delete, look at.
 
 use super::extract::{Id, JsonBody, Params};
 use super::guard::{By, Steered};
@@ -102,13 +102,14 @@ pub(super) async fn cancel(State(service): State<App>, Steered(id): Steered) -> 
     Ok(Json(service.cancel_job(id).await?))
 }
 
-/// Cancels a job, as `cancel` does.
+/// Deletes a job that has ended, with its picture. One that goes on is refused: cancel it first.
 #[utoipa::path(
     delete, path = "/v1/jobs/{id}", params(("id" = JobId, Path)),
-    responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
+    responses((status = 204), (status = "4XX", body = Problem))
 )]
-pub(super) async fn remove(state: State<App>, id: Steered) -> Result<Json<JobStatus>, ApiError> {
-    cancel(state, id).await
+pub(super) async fn remove(State(service): State<App>, Steered(id): Steered) -> Result<StatusCode, ApiError> {
+    service.delete_job(id).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// The image as it stands, as OpenEXR with metadata.

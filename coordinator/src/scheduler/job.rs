@@ -284,7 +284,8 @@ impl Job {
             | Change::JobReopened { .. }
             | Change::WorkerRegistered(_)
             | Change::WorkerJudged { .. }
-            | Change::WorkerForgotten(_) => {}
+            | Change::WorkerForgotten(_)
+            | Change::JobDeleted { .. } => {}
         }
     }
 }

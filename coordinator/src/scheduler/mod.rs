@@ -66,6 +66,9 @@ pub enum Refusal {
     /// The job has ended.
     #[error("job {0} has ended")]
     JobEnded(JobId),
+    /// The job goes on.
+    #[error("job {0} goes on: cancel it first")]
+    JobGoesOn(JobId),
     /// Something that cannot be.
     #[error("{0}")]
     Invalid(String),
@@ -247,6 +250,8 @@ impl Farm {
                 self.jobs.insert(job.id(), job);
             }
             Change::JobEnded { job, .. } => _ = self.jobs.remove(job),
+            // It had left the farm when it ended.
+            Change::JobDeleted { .. } => {}
             Change::LeasesRenewed(_) => {
                 let jobs = self.jobs.values_mut();
                 jobs.for_each(|job| job.evolve(change, lease_until));

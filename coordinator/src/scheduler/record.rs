@@ -41,6 +41,17 @@ pub enum Change {
         /// When it had ended. Nothing is committed if it ended at another time: somebody else was faster.
         ended_ms: Millis,
     },
+    /// A job that had ended is deleted, with all that is kept of it.
+    JobDeleted {
+        /// The job.
+        job: JobId,
+        /// When it had ended. Nothing is committed if it ended at another time: somebody else was faster.
+        ended_ms: Millis,
+        /// Name of the token that it was submitted with: what it used of its quota stays used.
+        owner: String,
+        /// Iterations that it asked for.
+        iterations: u32,
+    },
     /// A lease was granted.
     LeaseGranted(LeaseRecord),
     /// A lease ended, for whichever reason.

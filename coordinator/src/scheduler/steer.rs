@@ -1,4 +1,4 @@
-//! What people change about jobs: pause, resume, cancel, extend, priority. Everything may be repeated without harm.
+//! What people change about jobs: pause, resume, cancel, extend, delete, priority. Everything may be repeated without harm.
 
 use super::record::{Change, JobControl, JobRecord, Millis};
 use super::{Decision, Farm, Job, Refusal};
@@ -81,6 +81,21 @@ impl Farm {
             ..record.clone()
         });
         Ok(Decision::new((), vec![Change::JobReopened { record, ended_ms }]))
+    }
+
+    /// Deletes a job that has ended, as `record` says.
+    pub fn delete(&self, record: &JobRecord) -> Result<Decision<()>, Refusal> {
+        let job = record.head.id;
+        let Some(ended_ms) = record.ended_ms.filter(|_| self.job(job).is_none()) else {
+            return Err(Refusal::JobGoesOn(job));
+        };
+        let deleted = Change::JobDeleted {
+            job,
+            ended_ms,
+            owner: record.head.owner.clone(),
+            iterations: record.control.iterations,
+        };
+        Ok(Decision::new((), vec![deleted]))
     }
 }
 

@@ -61,6 +61,7 @@ impl ServiceError {
             Self::Stopping => Problem::new(ErrorCode::Unavailable, text),
             Self::Store(StoreError::WrongHash { .. }) => Problem::new(ErrorCode::ContentMismatch, text),
             Self::Store(StoreError::NoBlob(_)) => Problem::new(ErrorCode::NotFound, text),
+            Self::Store(StoreError::TooLate) => Problem::new(ErrorCode::Unavailable, text),
             Self::Store(_) | Self::Film(_) | Self::Picture(_) => {
                 tracing::error!(error = text, "the service failed");
                 if full {
@@ -90,6 +91,7 @@ fn refusal_problem(refusal: &Refusal) -> Problem {
         Refusal::TooManyWorkers { .. } => ErrorCode::Limit,
         Refusal::StaleLease(_) => ErrorCode::StaleLease,
         Refusal::JobEnded(_) => ErrorCode::JobEnded,
+        Refusal::JobGoesOn(_) => ErrorCode::JobGoesOn,
         Refusal::Invalid(_) => ErrorCode::Invalid,
         Refusal::Conflict { .. } => ErrorCode::ResultConflict,
     };

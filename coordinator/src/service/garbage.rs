@@ -1,4 +1,4 @@
-//! Images of nodes that do not count are removed, by and by.
+//! Images of nodes that do not count are removed, by and by; and scenes that nobody names.
 //!
 //! No name of an image is ever used twice: every upload and every merge makes a copy with a number of its own. So what
 //! decides over a removal is the commit that drops the row with the name, whoever made it; nobody can publish that name
@@ -16,6 +16,9 @@ use tokio::sync::RwLockReadGuard;
 
 /// Age at which an image without a row is garbage.
 const GARBAGE_AGE: Duration = Duration::from_secs(3600);
+/// Age at which a scene that no job names, or a file that no scene names, is garbage: its client may have sent it, and be
+/// about to submit the job.
+const SCENE_AGE: Duration = Duration::from_secs(24 * 3600);
 /// Longest time from the publication of an image to the commit of its row [ms]. It is far shorter than the age of
 /// garbage, so that no removal meets an image whose row is about to come, wherever that is decided.
 const COMMIT_WITHIN: Millis = 600_000;
@@ -49,12 +52,14 @@ impl Service {
             return;
         }
         let service = self.clone();
-        tokio::spawn(async move {
-            for image in garbage {
-                service.at_hand.forget(image.hash);
-                service.remove(image).await;
-            }
-        });
+        tokio::spawn(async move { service.remove_all(garbage).await });
+    }
+
+    pub(super) async fn remove_all(&self, garbage: Vec<BlobName>) {
+        for image in garbage {
+            self.at_hand.forget(image.hash);
+            self.remove(image).await;
+        }
     }
 
     /// Removes the image of a delivery that was decided over, unless it counts. Where the outcome of the decision is not
@@ -76,8 +81,38 @@ impl Service {
         }
     }
 
+    /// Removes what nothing names any more, once it is old.
+    pub(super) async fn sweep(&self) -> Result<(), ServiceError> {
+        self.remove_orphans().await?;
+        self.remove_scenes().await
+    }
+
+    /// Removes scenes that no job names, once no client has named them for a while; and their files, once none was sent
+    /// for a while.
+    async fn remove_scenes(&self) -> Result<(), ServiceError> {
+        let before = self.clock.now().saturating_sub(SCENE_AGE.as_millis() as Millis);
+        let scenes = self.stores.state.forget_bundles(before).await?;
+        let named = self.stores.state.bundled_files().await?;
+        let mut files = 0;
+        for (file, age) in self.stores.scenes.list().await? {
+            if age < SCENE_AGE || named.contains(&file.hash) {
+                continue;
+            }
+            // Whoever names it from here on is told that it is missing, and sends it again.
+            let _nobody_names = self.naming.write().await;
+            if self.stores.state.bundled_size(file.hash).await?.is_none() {
+                self.stores.scenes.remove(file).await?;
+                files += 1;
+            }
+        }
+        if scenes > 0 || files > 0 {
+            tracing::info!("removed {scenes} scenes that no job and no client had named for a day, and {files} files");
+        }
+        Ok(())
+    }
+
     /// Removes old images that no row names: what a crash between bytes and row leaves.
-    pub(super) async fn remove_orphans(&self) -> Result<(), ServiceError> {
+    async fn remove_orphans(&self) -> Result<(), ServiceError> {
         self.stores.nodes.tidy(GARBAGE_AGE).await?;
         let listed = self.stores.nodes.list().await?.into_iter();
         let old: Vec<BlobName> = listed

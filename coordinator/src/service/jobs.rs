@@ -5,6 +5,7 @@ use super::{Service, ServiceError};
 use crate::access::Caller;
 use crate::scheduler::record::Millis;
 use crate::scheduler::{Decision, Farm, Job, Refusal};
+use crate::store::StoreError;
 use axum::body::Bytes;
 use futures_util::Stream;
 use photonfarm_proto::api::{BundleReply, JobPage, WorkerStatus};
@@ -26,15 +27,17 @@ impl Service {
         self.limits.check_bundle(&manifest)?;
         let bundle = manifest.hash();
         let most = caller.quota.bundle_bytes.unwrap_or(u64::MAX);
+        let (blobs, now) = (manifest.blobs(), self.clock.now());
+        let _no_removal = self.naming.read().await;
         let state = &self.stores.state;
-        let used = state
-            .put_bundle(bundle, manifest.clone(), caller.name.clone(), most)
-            .await?;
-        caller.within("bundle_bytes", used, Some(most))?;
+        let announced = state.put_bundle(manifest, caller.name.clone(), most, now).await?;
+        caller.within("bundle_bytes", announced.used, Some(most))?;
         let mut missing = Vec::new();
-        for (blob, bytes) in manifest.blobs() {
-            // One that was cut short, as by a disk that failed, is missing as well.
-            if self.stores.scenes.size(blob.into()).await? != Some(bytes) && missing.last() != Some(&blob) {
+        for (blob, bytes) in blobs {
+            // One that was cut short, as by a disk that failed, is missing as well; and so is one that is about to be
+            // removed.
+            let there = !announced.fresh.contains(&blob) && self.stores.scenes.size(blob.into()).await? == Some(bytes);
+            if !there && missing.last() != Some(&blob) {
                 missing.push(blob);
             }
         }
@@ -115,7 +118,8 @@ impl Service {
     }
 
     async fn check_job(&self, spec: &JobSpec) -> Result<(), ServiceError> {
-        let Some(manifest) = self.stores.state.bundle(spec.scene).await? else {
+        // It stays for a while from now on, until the job that names it is there.
+        let Some(manifest) = self.stores.state.name_bundle(spec.scene, self.clock.now()).await? else {
             let detail = format!("scene: there is no bundle {}", spec.scene);
             return Err(Problem::new(ErrorCode::Invalid, detail).at("scene", None).into());
         };
@@ -151,6 +155,25 @@ impl Service {
         match self.transact(move |farm, now| farm.cancel(id, now)).await {
             Ok(()) | Err(ServiceError::Refusal(Refusal::UnknownJob(_))) => self.status(id).await,
             Err(error) => Err(error),
+        }
+    }
+
+    /// Deletes a job that has ended, and what is kept of it alone. Its number is never used again.
+    pub async fn delete_job(self: &Arc<Self>, id: JobId) -> Result<(), ServiceError> {
+        loop {
+            let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
+            let known = record.clone();
+            match self.transact(move |farm, _| farm.delete(&known)).await {
+                // It was extended, or deleted: what is kept of it now decides.
+                Err(ServiceError::Store(StoreError::TooLate)) => {}
+                Err(error) => return Err(error),
+                Ok(()) => {
+                    let images = Job::from_record(record).live_images().map(|(_, image)| image).collect();
+                    let service = self.clone();
+                    let removal = tokio::spawn(async move { service.remove_all(images).await });
+                    return removal.await.map_err(|_| ServiceError::Stopping);
+                }
+            }
         }
     }
 

@@ -30,7 +30,7 @@ pub(crate) use obstacles::Part;
 
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig, Secret};
-use crate::store::{BlobStore, Commit, News, Sequence, StateStore};
+use crate::store::{BlobStore, Commit, News, Sequence, StateStore, StoreError};
 use clock::Clock;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::id::JobId;
@@ -84,6 +84,8 @@ pub struct Service {
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
     publishing: RwLock<()>,
+    /// Shared while a client learns which files of a bundle are missing; alone for the removal of one.
+    naming: RwLock<()>,
 }
 
 struct FarmCell {
@@ -136,12 +138,13 @@ impl Service {
             obstacles: obstacles::Obstacles::default(),
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
+            naming: RwLock::default(),
         });
         if !service.stores.state.is_shared() {
             service.transact(|farm, _| Ok(farm.restarted())).await?;
         }
         if service.take_lead().await? {
-            service.remove_orphans().await?;
+            service.sweep().await?;
         }
         Ok(service)
     }
@@ -159,7 +162,7 @@ impl Service {
                 }
                 if self.leads() && swept.elapsed() > SWEEP {
                     swept = Instant::now();
-                    if let Err(error) = self.remove_orphans().await {
+                    if let Err(error) = self.sweep().await {
                         tracing::warn!(%error, "garbage is left for later");
                     }
                 }
@@ -259,6 +262,10 @@ impl Service {
                     Ok(Commit::Behind) => {
                         cell.doubt = Doubt::None;
                         service.catch_up(&mut cell).await?;
+                    }
+                    Err(error @ ServiceError::Store(StoreError::TooLate)) => {
+                        cell.doubt = Doubt::None;
+                        return Err(error);
                     }
                     Err(error) => {
                         cell.doubt = Doubt::Outcome;

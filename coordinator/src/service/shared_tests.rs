@@ -172,3 +172,25 @@ async fn signs_of_life_at_one_keep_a_lease_at_the_other_which_leads_next() {
     assert!(a.status(job).await.is_ok(), "what is remembered can be told");
     assert!(a.cancel_job(job).await.unwrap_err().into_problem().retryable);
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_is_deleted_once_whoever_is_asked() {
+    let (folder, url) = (tempfile::tempdir().unwrap(), Postgres::shared().database());
+    let (a, b) = (open(&url, folder.path()).await, open(&url, folder.path()).await);
+    let job = submit(&a, 4).await;
+    b.catch_up(&mut *b.farm.lock().await).await.unwrap();
+    a.cancel_job(job).await.unwrap();
+    let (first, second) = tokio::join!(a.delete_job(job), b.delete_job(job));
+    let refused: Vec<ErrorCode> = [first, second]
+        .into_iter()
+        .filter_map(|outcome| Some(outcome.err()?.into_problem().code))
+        .collect();
+    assert_eq!(refused, [ErrorCode::NotFound]);
+    for service in [&a, &b] {
+        assert_eq!(
+            service.status(job).await.unwrap_err().into_problem().code,
+            ErrorCode::NotFound
+        );
+        assert!(submit(service, 4).await > job, "no number is used twice");
+    }
+}

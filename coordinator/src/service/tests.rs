@@ -53,14 +53,17 @@ async fn open(folder: &Path, state: &Arc<MemoryStore>) -> Arc<Service> {
 
 /// Two hours pass for the files of a folder.
 pub(crate) fn age(folder: &Path) {
+    age_by(folder, Duration::from_secs(7200));
+}
+
+fn age_by(folder: &Path, time: Duration) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {
-            age(&path);
+            age_by(&path, time);
         } else {
             let file = std::fs::File::options().append(true).open(path).unwrap();
-            file.set_modified(SystemTime::now() - Duration::from_secs(7200))
-                .unwrap();
+            file.set_modified(SystemTime::now() - time).unwrap();
         }
     }
 }
@@ -244,7 +247,7 @@ async fn a_failed_commit_is_made_good_by_a_repeat() {
     assert_eq!(world.upload(&lease).await.unwrap(), Delivered::Counted);
     assert_eq!(world.done().await, 1);
     age(&world.folder.path().join("nodes"));
-    world.service.remove_orphans().await.unwrap();
+    world.service.sweep().await.unwrap();
     assert_eq!(
         world.blobs().await,
         1,
@@ -516,4 +519,63 @@ async fn a_full_disk_is_what_jobs_wait_for() {
         waiting().await,
         (Some(Waiting::StoreAway), "the state cannot be written".into())
     );
+}
+
+#[tokio::test]
+async fn a_deleted_job_leaves_nothing_behind_and_its_scene_goes_a_day_after_it_was_last_named() {
+    let day = Duration::from_secs(86_400);
+    let world = World::new(4).await;
+    world.upload(&world.lease().await).await.unwrap();
+    let (service, job) = (&world.service, world.job);
+    let problem = service.delete_job(job).await.unwrap_err().into_problem();
+    assert_eq!(problem.code, ErrorCode::JobGoesOn);
+    assert!(problem.detail.contains("cancel it first"), "{problem}");
+    service.cancel_job(job).await.unwrap();
+    assert_eq!(world.blobs().await, 1);
+    service.delete_job(job).await.unwrap();
+    assert_eq!(world.blobs().await, 0);
+    assert!(world.state.rows().jobs.is_empty());
+    for error in [
+        service.delete_job(job).await.unwrap_err(),
+        service.status(job).await.unwrap_err(),
+        service.picture(job, ImageFormat::Exr, None).await.unwrap_err(),
+    ] {
+        assert_eq!(error.into_problem().code, ErrorCode::NotFound);
+    }
+
+    let files = async || service.stores.scenes.list().await.unwrap().len();
+    age_by(&world.folder.path().join("scenes"), day + Duration::from_secs(60));
+    service.clock.suspend(day.as_millis() as i64 - 60_000);
+    service.sweep().await.unwrap();
+    assert_eq!(files().await, 1, "a client named it less than a day ago");
+    service.clock.suspend(120_000);
+    service.sweep().await.unwrap();
+    assert_eq!(files().await, 0);
+}
+
+#[tokio::test]
+async fn a_file_that_is_about_to_be_removed_is_missing() {
+    let world = World::new(1).await;
+    let service = &world.service;
+    service.cancel_job(world.job).await.unwrap();
+    service.delete_job(world.job).await.unwrap();
+    assert_eq!(service.stores.state.forget_bundles(u64::MAX).await.unwrap(), 1);
+    let manifest = BundleManifest {
+        files: [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into(),
+    };
+    let announce = async || {
+        service
+            .submit_bundle(manifest.clone(), &Caller::anyone())
+            .await
+            .unwrap()
+            .missing
+    };
+    let file = BlobHash::of(b"scene");
+    assert_eq!(announce().await, [file], "it is still there, and nobody named it");
+    let body = stream::iter([Ok::<_, Infallible>(Bytes::from_static(b"scene"))]);
+    service.put_blob(file, body).await.unwrap();
+    assert_eq!(announce().await, []);
+    age_by(&world.folder.path().join("scenes"), Duration::from_secs(90_000));
+    service.sweep().await.unwrap();
+    assert_eq!(announce().await, [], "a file that is named stays, however old");
 }

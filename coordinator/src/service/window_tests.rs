@@ -139,7 +139,7 @@ async fn a_sweep_between_bytes_and_row_removes_nothing() {
             gate.reached().await;
             age(&ground.images());
             let service = world.service.clone();
-            let mut sweep = tokio::spawn(async move { service.remove_orphans().await });
+            let mut sweep = tokio::spawn(async move { service.sweep().await });
             // A sweep that does not wait for the row has all the time to do harm.
             let _waits = tokio::time::timeout(Duration::from_millis(100), &mut sweep).await;
             gate.open();
@@ -172,7 +172,7 @@ async fn a_failure_at_any_step_is_made_good_by_a_repeat_and_leaves_nothing() {
             let error = world.arrive(&lease).await.unwrap_err().into_problem();
             assert!(error.retryable, "{kind:?}, {step:?}: {error}");
             age(&ground.images());
-            world.service.remove_orphans().await.unwrap();
+            world.service.sweep().await.unwrap();
             let counted = usize::from(step == Step::Committed);
             assert_eq!(world.images().await, counted, "{kind:?}, {step:?}");
             let again = match step {
@@ -226,7 +226,7 @@ async fn a_merge_that_fails_at_any_step_is_made_again() {
                 "{kind:?}, {step:?}"
             );
             age(&ground.images());
-            world.service.remove_orphans().await.unwrap();
+            world.service.sweep().await.unwrap();
             assert_eq!(world.images().await, 1, "{kind:?}, {step:?}");
         }
     }
@@ -248,6 +248,28 @@ async fn a_picture_whose_nodes_are_merged_while_they_are_read_is_begun_anew() {
         assert!(picture.unwrap().bytes.is_some(), "{kind:?}");
         let status = world.service.status(world.job).await.unwrap();
         assert_eq!((status.state, status.iterations_done), (JobState::Done, 2), "{kind:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_picture_of_a_job_that_is_deleted_while_its_nodes_are_read_is_not_found() {
+    for kind in KINDS {
+        let ground = Ground::new(kind);
+        let (world, faults) = ground.world(2).await;
+        world.arrive(&world.lease().await).await.unwrap();
+        world.service.cancel_job(world.job).await.unwrap();
+        let gate = faults.wait(Step::Read);
+        let (picture, ()) = tokio::join!(world.service.picture(world.job, ImageFormat::Exr, None), async {
+            gate.reached().await;
+            world.service.delete_job(world.job).await.unwrap();
+            gate.open();
+        });
+        assert_eq!(
+            picture.unwrap_err().into_problem().code,
+            ErrorCode::NotFound,
+            "{kind:?}"
+        );
+        assert_eq!(world.images().await, 0, "{kind:?}");
     }
 }
 

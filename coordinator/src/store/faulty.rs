@@ -204,12 +204,24 @@ impl StateStore for FaultyState {
 
     async fn put_bundle(
         &self,
-        hash: BlobHash,
         manifest: BundleManifest,
         owner: String,
         most: u64,
-    ) -> Result<u64, StoreError> {
-        self.inner.put_bundle(hash, manifest, owner, most).await
+        now: Millis,
+    ) -> Result<Announced, StoreError> {
+        self.inner.put_bundle(manifest, owner, most, now).await
+    }
+
+    async fn name_bundle(&self, hash: BlobHash, now: Millis) -> Result<Option<BundleManifest>, StoreError> {
+        self.inner.name_bundle(hash, now).await
+    }
+
+    async fn forget_bundles(&self, before: Millis) -> Result<usize, StoreError> {
+        self.inner.forget_bundles(before).await
+    }
+
+    async fn bundled_files(&self) -> Result<BTreeSet<BlobHash>, StoreError> {
+        self.inner.bundled_files().await
     }
 
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {

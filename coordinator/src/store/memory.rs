@@ -1,15 +1,17 @@
 //! A store for tests: state in memory, which can be told to fail.
 
-use super::{Commit, Sequence, StateStore, StoreError};
+use super::{Announced, Commit, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{BlobName, Change, Counters, JobControl, JobHead, JobRecord, Snapshot, WorkerRecord};
+use crate::scheduler::record::{
+    BlobName, Change, Counters, JobControl, JobHead, JobRecord, Millis, Snapshot, WorkerRecord,
+};
 use async_trait::async_trait;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::token::Usage;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
 
@@ -19,9 +21,12 @@ pub(crate) struct Rows {
     counters: Counters,
     workers: BTreeMap<WorkerId, WorkerRecord>,
     pub(crate) jobs: BTreeMap<JobId, JobRecord>,
-    bundles: BTreeMap<BlobHash, BundleManifest>,
+    /// With the time at which each was last named.
+    bundles: BTreeMap<BlobHash, (BundleManifest, Millis)>,
     owned: BTreeMap<(String, BlobHash), u64>,
     tokens: BTreeMap<String, TokenRecord>,
+    /// Iterations of deleted jobs, by owner.
+    used: BTreeMap<String, u64>,
 }
 
 impl Rows {
@@ -59,6 +64,15 @@ impl Rows {
                 let job = self.job(record.head.id);
                 assert_eq!(job.ended_ms, Some(*ended_ms));
                 *job = *record.clone();
+            }
+            Change::JobDeleted {
+                job,
+                ended_ms,
+                owner,
+                iterations,
+            } => {
+                assert_eq!(self.jobs.remove(job).unwrap().ended_ms, Some(*ended_ms));
+                *self.used.entry(owner.clone()).or_default() += u64::from(*iterations);
             }
             Change::LeaseGranted(lease) => {
                 self.counters.token = self.counters.token.max(lease.token.number);
@@ -112,6 +126,11 @@ impl Rows {
                 (job.state, job.failure, job.ended_ms) = (*state, failure.clone(), Some(*ended_ms));
             }
         }
+    }
+
+    fn bundled_files(&self) -> BTreeSet<BlobHash> {
+        let files = self.bundles.values().flat_map(|(bundle, _)| bundle.files.values());
+        files.map(|file| file.hash).collect()
     }
 
     fn job(&mut self, id: JobId) -> &mut JobRecord {
@@ -218,23 +237,51 @@ impl StateStore for MemoryStore {
 
     async fn put_bundle(
         &self,
-        hash: BlobHash,
         manifest: BundleManifest,
         owner: String,
         most: u64,
-    ) -> Result<u64, StoreError> {
+        now: Millis,
+    ) -> Result<Announced, StoreError> {
         let mut rows = self.rows();
+        let known = rows.bundled_files();
+        let blobs = manifest.blobs();
+        let fresh = blobs.iter().map(|(blob, _)| *blob).filter(|blob| !known.contains(blob));
+        let fresh = fresh.collect();
         let mut owned = rows.owned.clone();
-        for (blob, bytes) in manifest.blobs() {
+        for (blob, bytes) in blobs {
             let most = owned.entry((owner.clone(), blob)).or_insert(0);
             *most = bytes.max(*most);
         }
         let used = owned_bytes(&owned, &owner);
         if used <= most {
-            rows.bundles.insert(hash, manifest);
+            rows.bundles.insert(manifest.hash(), (manifest, now));
             rows.owned = owned;
         }
-        Ok(used)
+        Ok(Announced { used, fresh })
+    }
+
+    async fn name_bundle(&self, hash: BlobHash, now: Millis) -> Result<Option<BundleManifest>, StoreError> {
+        let mut rows = self.rows();
+        let known = rows.bundles.get_mut(&hash);
+        Ok(known.map(|(manifest, named)| {
+            *named = now.max(*named);
+            manifest.clone()
+        }))
+    }
+
+    async fn forget_bundles(&self, before: Millis) -> Result<usize, StoreError> {
+        let rows = &mut *self.rows();
+        let count = rows.bundles.len();
+        let jobs = &rows.jobs;
+        rows.bundles
+            .retain(|hash, (_, named)| *named >= before || jobs.values().any(|job| job.head.spec.scene == *hash));
+        let left = rows.bundled_files();
+        rows.owned.retain(|(_, blob), _| left.contains(blob));
+        Ok(count - rows.bundles.len())
+    }
+
+    async fn bundled_files(&self) -> Result<BTreeSet<BlobHash>, StoreError> {
+        Ok(self.rows().bundled_files())
     }
 
     async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
@@ -243,7 +290,8 @@ impl StateStore for MemoryStore {
         Ok(Usage {
             jobs: jobs.clone().filter(|job| job.ended_ms.is_none()).count() as u64,
             bundle_bytes: owned_bytes(&rows.owned, &owner),
-            iterations: jobs.map(|job| u64::from(job.control.iterations)).sum(),
+            iterations: jobs.map(|job| u64::from(job.control.iterations)).sum::<u64>()
+                + rows.used.get(&owner).copied().unwrap_or_default(),
         })
     }
 
@@ -268,12 +316,12 @@ impl StateStore for MemoryStore {
     }
 
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
-        Ok(self.rows().bundles.get(&hash).cloned())
+        Ok(self.rows().bundles.get(&hash).map(|(manifest, _)| manifest.clone()))
     }
 
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
         let rows = self.rows();
-        let sizes = rows.bundles.values().flat_map(|bundle| bundle.files.values());
+        let sizes = rows.bundles.values().flat_map(|(bundle, _)| bundle.files.values());
         Ok(sizes.filter(|file| file.hash == blob).map(|file| file.bytes).max())
     }
 

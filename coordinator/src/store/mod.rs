@@ -19,6 +19,7 @@ mod postgres_schema;
 mod postgres_tests;
 mod postgres_tls;
 mod sql;
+mod sql_bundles;
 mod sql_changes;
 mod sqlite;
 #[cfg(test)]
@@ -40,6 +41,7 @@ use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
 use photonfarm_proto::worker::LeaseProgress;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -70,6 +72,9 @@ pub enum StoreError {
         /// Hash found.
         found: BlobHash,
     },
+    /// A change of a job that somebody else changed meanwhile; nothing was kept.
+    #[error("the job was changed by somebody else meanwhile: try again")]
+    TooLate,
     /// No such blob.
     #[error("there is no blob {0}")]
     NoBlob(BlobHash),
@@ -131,6 +136,7 @@ impl StoreError {
                 | Self::Object(_)
                 | Self::Io { .. }
                 | Self::Random(_)
+                | Self::TooLate
                 | Self::Stopped
         )
     }
@@ -188,6 +194,15 @@ pub enum News {
     Forgotten,
 }
 
+/// What is known of a bundle that was announced.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Announced {
+    /// Bytes that its owner has with it, or would have.
+    pub used: u64,
+    /// Its blobs that no bundle named before: if they are there, they are about to be removed.
+    pub fresh: BTreeSet<BlobHash>,
+}
+
 /// A sign of life of a worker, as one coordinator received it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Beat {
@@ -222,17 +237,24 @@ pub trait StateStore: Send + Sync {
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError>;
     /// The job that was submitted with an idempotency key.
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError>;
-    /// Keeps a manifest under its hash, and counts its distinct blobs for the owner, once each. Where the owner would
-    /// have more than `most` bytes then, nothing changes. Returns the bytes that the owner has then or would have.
+    /// Keeps a manifest, which the owner names at the time `now`, under its hash, and counts its distinct blobs for the
+    /// owner, once each. Where the owner would have more than `most` bytes then, nothing changes.
     async fn put_bundle(
         &self,
-        hash: BlobHash,
         manifest: BundleManifest,
         owner: String,
         most: u64,
-    ) -> Result<u64, StoreError>;
+        now: Millis,
+    ) -> Result<Announced, StoreError>;
     /// The manifest of a bundle.
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError>;
+    /// The manifest of a bundle, which somebody names at the time `now`.
+    async fn name_bundle(&self, hash: BlobHash, now: Millis) -> Result<Option<BundleManifest>, StoreError>;
+    /// Forgets bundles that no job names, and that nobody has named since the time `before`; and blobs that no other
+    /// bundle names, which count for nobody any more. Returns the number of bundles.
+    async fn forget_bundles(&self, before: Millis) -> Result<usize, StoreError>;
+    /// The blobs that bundles name.
+    async fn bundled_files(&self) -> Result<BTreeSet<BlobHash>, StoreError>;
     /// The largest size that a bundle gives for a blob; `None` if no bundle names it.
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError>;
     /// What an owner has used.

@@ -6,8 +6,9 @@
 use super::postgres_schema::prepare;
 use super::postgres_tls::connector;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
+use super::sql_bundles;
 use super::sql_changes::apply;
-use super::{Beat, Commit, News, Sequence, StateStore, StoreError};
+use super::{Announced, Beat, Commit, News, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -18,6 +19,7 @@ use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::token::Usage;
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::sync::{Mutex, watch};
@@ -57,6 +59,8 @@ const BEAT_AGE: i64 = 86_400_000;
 const BEAT_MARGIN: Millis = 60_000;
 /// Names what the leader locks.
 const LEADER: i64 = 0x5048_464d_0001;
+/// Names what is locked while bundles come and go.
+const BUNDLES: i64 = 0x5048_464d_0003;
 /// The database's clock [ms since 1970].
 const NOW: &str = "SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)";
 
@@ -148,14 +152,21 @@ impl PostgresStore {
         Ok(answer)
     }
 
-    /// Changes rows in one transaction, which is undone unless the answer says otherwise.
+    /// Changes rows in one transaction, which is undone unless the answer says otherwise; while no other transaction has
+    /// the same lock, if it names one.
     async fn change<T: Send>(
         &self,
+        lock: Option<i64>,
         question: impl for<'a> FnOnce(&'a mut dyn Queries) -> Answer<'a, (T, bool)> + Send,
     ) -> Result<T, StoreError> {
         self.within(async {
             let mut client = get(&self.pool).await?;
             let transaction = client.transaction().await?;
+            if let Some(lock) = lock {
+                transaction
+                    .execute("SELECT pg_advisory_xact_lock($1)", &[&lock])
+                    .await?;
+            }
             let (answer, kept) = question(&mut Session(&transaction)).await?;
             if kept {
                 transaction.commit().await?;
@@ -508,15 +519,33 @@ impl StateStore for PostgresStore {
 
     async fn put_bundle(
         &self,
-        hash: BlobHash,
         manifest: BundleManifest,
         owner: String,
         most: u64,
-    ) -> Result<u64, StoreError> {
-        self.change(move |queries| {
-            Box::pin(async move { sql::put_bundle(queries, hash, &manifest, owner, most).await })
+        now: Millis,
+    ) -> Result<Announced, StoreError> {
+        self.change(Some(BUNDLES), move |queries| {
+            Box::pin(async move { sql_bundles::put_bundle(queries, &manifest, owner, most, now).await })
         })
         .await
+    }
+
+    async fn name_bundle(&self, hash: BlobHash, now: Millis) -> Result<Option<BundleManifest>, StoreError> {
+        self.change(Some(BUNDLES), move |queries| {
+            Box::pin(async move { Ok((sql_bundles::name_bundle(queries, hash, now).await?, true)) })
+        })
+        .await
+    }
+
+    async fn forget_bundles(&self, before: Millis) -> Result<usize, StoreError> {
+        self.change(Some(BUNDLES), move |queries| {
+            Box::pin(async move { Ok((sql_bundles::forget_bundles(queries, before).await?, true)) })
+        })
+        .await
+    }
+
+    async fn bundled_files(&self) -> Result<BTreeSet<BlobHash>, StoreError> {
+        self.ask(|queries| Box::pin(sql_bundles::bundled_files(queries))).await
     }
 
     async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
@@ -528,8 +557,10 @@ impl StateStore for PostgresStore {
     }
 
     async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
-        self.change(move |queries| Box::pin(async move { Ok((sql::put_token(queries, &token).await?, true)) }))
-            .await
+        self.change(None, move |queries| {
+            Box::pin(async move { Ok((sql::put_token(queries, &token).await?, true)) })
+        })
+        .await
     }
 
     async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
@@ -537,16 +568,19 @@ impl StateStore for PostgresStore {
     }
 
     async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
-        self.change(move |queries| Box::pin(async move { Ok((sql::remove_token(queries, name).await?, true)) }))
-            .await
+        self.change(None, move |queries| {
+            Box::pin(async move { Ok((sql::remove_token(queries, name).await?, true)) })
+        })
+        .await
     }
 
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::bundle(queries, hash))).await
+        self.ask(move |queries| Box::pin(sql_bundles::bundle(queries, hash)))
+            .await
     }
 
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::bundled_size(queries, blob)))
+        self.ask(move |queries| Box::pin(sql_bundles::bundled_size(queries, blob)))
             .await
     }
 

@@ -9,7 +9,7 @@ use photonfarm_proto::api::FarmIdentity;
 const SCHEMA: i64 = 0x5048_464d_0002;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3];
 
 const SCHEMA_1: &str = "
 CREATE TABLE farm (
@@ -49,6 +49,17 @@ CREATE TABLE identity (farm TEXT NOT NULL, epoch BIGINT NOT NULL, mark TEXT);
 ALTER TABLE beat ADD COLUMN written_ms BIGINT NOT NULL DEFAULT 0;
 ";
 
+/// What deletion needs: which scene each job names, when each bundle was last named by a client, and what deleted jobs
+/// used of quotas.
+const SCHEMA_3: &str = "
+ALTER TABLE job ADD COLUMN scene BYTEA;
+UPDATE job SET scene = decode(CAST(spec AS JSON) ->> 'scene', 'hex');
+CREATE INDEX job_of_scene ON job (scene);
+ALTER TABLE bundle ADD COLUMN named_ms BIGINT NOT NULL DEFAULT 0;
+UPDATE bundle SET named_ms = CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT);
+CREATE TABLE used (owner TEXT PRIMARY KEY, iterations BIGINT NOT NULL);
+";
+
 /// What a restored or copied database does not share with the one that it comes from: the cluster, its history (which forks
 /// when an older state, or another server, takes over), the database and its tables.
 const MARK: &str =
@@ -63,13 +74,14 @@ const COLUMNS: &[(&str, &str)] = &[
     ("identity", "farm epoch mark"),
     ("counter", "name value"),
     ("worker", "id record standing"),
-    ("bundle", "hash manifest"),
+    ("bundle", "hash manifest named_ms"),
     ("bundle_blob", "blob bytes"),
     ("owned_blob", "owner blob bytes"),
     ("token", "name record"),
+    ("used", "owner iterations"),
     (
         "job",
-        "id spec owner key created_ms state failure ended_ms width height totals control share_ms",
+        "id spec owner key created_ms state failure ended_ms width height totals control share_ms scene",
     ),
     ("node", "job level place digest live record"),
     ("lease", "token job record until_ms restarts"),

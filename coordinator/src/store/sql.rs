@@ -1,5 +1,6 @@
 //! What SQL databases share: queries, and how rows become records. Parameters are `?1`, `?2`, ...
 
+use super::sql_bundles::owned_bytes;
 use super::sql_changes::raise_counter;
 use super::{Sequence, StoreError};
 use crate::access::TokenRecord;
@@ -8,13 +9,11 @@ use crate::scheduler::record::{
 };
 use async_trait::async_trait;
 use photonfarm_proto::api::FarmIdentity;
-use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::token::Usage;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::collections::BTreeSet;
 use std::pin::Pin;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -97,7 +96,7 @@ impl Row {
         self.0.next().unwrap_or(Value::Null)
     }
 
-    fn optional_integer(&mut self) -> Result<Option<u64>, StoreError> {
+    pub(super) fn optional_integer(&mut self) -> Result<Option<u64>, StoreError> {
         match self.next() {
             Value::Null => Ok(None),
             Value::Integer(value) => Ok(Some(
@@ -133,6 +132,16 @@ impl Row {
         }
     }
 
+    pub(super) fn hash(&mut self) -> Result<BlobHash, StoreError> {
+        match self.next() {
+            Value::Bytes(bytes) => {
+                let hash = bytes.try_into().map(BlobHash);
+                hash.map_err(|_| StoreError::Damaged("a hash has another length".into()))
+            }
+            other => Err(unexpected("a hash", &other)),
+        }
+    }
+
     pub(super) fn json<T: DeserializeOwned>(&mut self) -> Result<T, StoreError> {
         from_json(&self.text()?)
     }
@@ -154,7 +163,7 @@ pub(super) trait Queries: Send {
 /// What is asked of a database: queries that become an answer.
 pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = Result<T, StoreError>> + Send + 'a>>;
 
-async fn ask<const N: usize>(
+pub(super) async fn ask<const N: usize>(
     queries: &mut dyn Queries,
     sql: &'static str,
     values: [Value; N],
@@ -213,50 +222,19 @@ pub(super) async fn job_by_key(queries: &mut dyn Queries, key: String) -> Result
     Ok(read_jobs(queries, sql, [Value::Text(key)]).await?.pop())
 }
 
-/// Keeps a manifest, and counts its blobs for the owner. Returns the bytes that the owner has then, and whether that is
-/// at most `most`: otherwise all of it is to be undone.
-pub(super) async fn put_bundle(
-    queries: &mut dyn Queries,
-    name: BlobHash,
-    manifest: &BundleManifest,
-    owner: String,
-    most: u64,
-) -> Result<(u64, bool), StoreError> {
-    let bundle = "INSERT INTO bundle (hash, manifest) VALUES (?1, ?2) ON CONFLICT DO NOTHING";
-    queries
-        .execute(Statement::new(bundle, [hash(name), json(manifest)?]))
-        .await?;
-    for (blob, bytes) in manifest.blobs() {
-        let size = "INSERT INTO bundle_blob (blob, bytes) VALUES (?1, ?2) ON CONFLICT DO NOTHING";
-        queries
-            .execute(Statement::new(size, [hash(blob), integer(bytes)?]))
-            .await?;
-        let owned =
-            "INSERT INTO owned_blob (owner, blob, bytes) VALUES (?1, ?2, ?3) ON CONFLICT (owner, blob) DO UPDATE
-            SET bytes = excluded.bytes WHERE owned_blob.bytes < excluded.bytes";
-        let values = [Value::Text(owner.clone()), hash(blob), integer(bytes)?];
-        queries.execute(Statement::new(owned, values)).await?;
-    }
-    let used = owned_bytes(queries, owner).await?;
-    Ok((used, used <= most))
-}
-
-async fn owned_bytes(queries: &mut dyn Queries, owner: String) -> Result<u64, StoreError> {
-    let sql = "SELECT CAST(coalesce(sum(bytes), 0) AS BIGINT) FROM owned_blob WHERE owner = ?1";
-    one(ask(queries, sql, [Value::Text(owner)]).await?)?.integer()
-}
-
-fn one(mut rows: Vec<Row>) -> Result<Row, StoreError> {
+pub(super) fn one(mut rows: Vec<Row>) -> Result<Row, StoreError> {
     rows.pop().ok_or_else(|| StoreError::Damaged("a row is missing".into()))
 }
 
-/// What an owner has used; `jobs` asks for the jobs that go on and the iterations of all.
+/// What an owner has used; `jobs` asks for the jobs that go on and the iterations of all that are there.
 pub(super) async fn usage(queries: &mut dyn Queries, jobs: &'static str, owner: String) -> Result<Usage, StoreError> {
     let mut found = one(ask(queries, jobs, [Value::Text(owner.clone())]).await?)?;
+    let deleted = "SELECT CAST(coalesce(sum(iterations), 0) AS BIGINT) FROM used WHERE owner = ?1";
+    let deleted = one(ask(queries, deleted, [Value::Text(owner.clone())]).await?)?.integer()?;
     Ok(Usage {
         jobs: found.integer()?,
         bundle_bytes: owned_bytes(queries, owner).await?,
-        iterations: found.integer()?,
+        iterations: found.integer()? + deleted,
     })
 }
 
@@ -279,29 +257,6 @@ pub(super) async fn tokens(queries: &mut dyn Queries) -> Result<Vec<TokenRecord>
 pub(super) async fn remove_token(queries: &mut dyn Queries, name: String) -> Result<bool, StoreError> {
     let statement = Statement::new("DELETE FROM token WHERE name = ?1", [Value::Text(name)]);
     Ok(queries.execute(statement).await? == 1)
-}
-
-/// The manifest of a bundle.
-pub(super) async fn bundle(queries: &mut dyn Queries, name: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
-    let sql = "SELECT manifest FROM bundle WHERE hash = ?1";
-    let found = ask(queries, sql, [hash(name)]).await?.pop();
-    found.map(|mut row| row.json()).transpose()
-}
-
-/// The largest size that a bundle gives for a blob.
-pub(super) async fn bundled_size(queries: &mut dyn Queries, blob: BlobHash) -> Result<Option<u64>, StoreError> {
-    let sql = "SELECT max(bytes) FROM bundle_blob WHERE blob = ?1";
-    one(ask(queries, sql, [hash(blob)]).await?)?.optional_integer()
-}
-
-/// Hashes of the files that bundles name.
-pub(super) async fn bundled_files(queries: &mut dyn Queries) -> Result<BTreeSet<BlobHash>, StoreError> {
-    let mut files = BTreeSet::new();
-    for mut row in ask(queries, "SELECT manifest FROM bundle", []).await? {
-        let manifest: BundleManifest = row.json()?;
-        files.extend(manifest.blobs().into_iter().map(|(blob, _)| blob));
-    }
-    Ok(files)
 }
 
 /// Names of the images of all nodes that count, of all jobs.

@@ -20,7 +20,7 @@ pub(super) async fn apply(queries: &mut dyn Queries, change: &Change) -> Result<
         let expected = statement.expected;
         let changed = queries.execute(statement).await?;
         if expected.is_some_and(|expected| expected != changed) {
-            return Err(StoreError::Damaged(format!("{change:?} came too late")));
+            return Err(StoreError::TooLate);
         }
     }
     Ok(())
@@ -43,6 +43,12 @@ fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
             [integer(job.0)?, json(control)?],
         )],
         Change::JobReopened { record, ended_ms } => vec![reopen(record, *ended_ms)?],
+        Change::JobDeleted {
+            job,
+            ended_ms,
+            owner,
+            iterations,
+        } => delete(*job, *ended_ms, owner, *iterations)?,
         Change::LeaseGranted(lease) => grant(lease)?,
         Change::LeaseEnded { token, .. } => {
             vec![Statement::new(
@@ -150,8 +156,29 @@ fn reopen(record: &JobRecord, ended_ms: Millis) -> Result<Statement, StoreError>
     })
 }
 
+/// A job that had ended is gone; the iterations that it used of its owner's quota stay used.
+fn delete(job: JobId, ended_ms: Millis, owner: &str, iterations: u32) -> Result<Vec<Statement>, StoreError> {
+    let used = "INSERT INTO used (owner, iterations) VALUES (?1, ?2)
+        ON CONFLICT (owner) DO UPDATE SET iterations = used.iterations + excluded.iterations";
+    let rows = [
+        "DELETE FROM failure WHERE job = ?1",
+        "DELETE FROM lease WHERE job = ?1",
+        "DELETE FROM node WHERE job = ?1",
+    ];
+    let id = integer(job.0)?;
+    let mut statements = vec![Statement::new(used, [Value::Text(owner.into()), small(iterations)])];
+    statements.extend(rows.map(|sql| Statement::new(sql, [id.clone()])));
+    let sql = "DELETE FROM job WHERE id = ?1 AND ended_ms = ?2";
+    statements.push(Statement {
+        expected: Some(1),
+        ..Statement::new(sql, [id, integer(ended_ms)?])
+    });
+    Ok(statements)
+}
+
 fn submit(head: &JobHead) -> Result<Statement, StoreError> {
-    let sql = "INSERT INTO job (id, spec, key, created_ms, state, totals, owner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
+    let sql = "INSERT INTO job (id, spec, key, created_ms, state, totals, owner, scene)
+        VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
     let values = [
         integer(head.id.0)?,
         json(&head.spec)?,
@@ -160,6 +187,7 @@ fn submit(head: &JobHead) -> Result<Statement, StoreError> {
         json(&JobState::Queued)?,
         json(&Totals::default())?,
         Value::Text(head.owner.clone()),
+        hash(head.spec.scene),
     ];
     Ok(Statement::new(sql, values))
 }

@@ -6,10 +6,11 @@
 
 use super::backup::Named;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
+use super::sql_bundles;
 use super::sql_changes::apply;
-use super::{Commit, Sequence, StateStore, StoreError, check_file, not_writable};
+use super::{Announced, Commit, Sequence, StateStore, StoreError, check_file, not_writable};
 use crate::access::TokenRecord;
-use crate::scheduler::record::{BlobName, Change, JobRecord, Snapshot};
+use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use futures_util::FutureExt;
 use photonfarm_proto::api::FarmIdentity;
@@ -18,6 +19,7 @@ use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::token::Usage;
 use rusqlite::types::{ToSqlOutput, ValueRef};
 use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, Transaction, TransactionBehavior, params_from_iter};
+use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -27,7 +29,7 @@ use std::time::Duration;
 const APPLICATION_ID: i32 = 0x5048_464d;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6];
 
 pub(super) const SCHEMA_1: &str = "
 CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
@@ -104,6 +106,17 @@ DROP TABLE old_failure;
 
 /// Which farm it is.
 const SCHEMA_5: &str = "CREATE TABLE identity (farm TEXT NOT NULL, epoch INTEGER NOT NULL, mark TEXT) STRICT;";
+
+/// What deletion needs: which scene each job names, when each bundle was last named by a client, and what deleted jobs
+/// used of quotas.
+const SCHEMA_6: &str = "
+ALTER TABLE job ADD COLUMN scene BLOB;
+UPDATE job SET scene = unhex(json_extract(spec, '$.scene'));
+CREATE INDEX job_of_scene ON job (scene);
+ALTER TABLE bundle ADD COLUMN named_ms INTEGER NOT NULL DEFAULT 0;
+UPDATE bundle SET named_ms = CAST(unixepoch('subsec') * 1000 AS INTEGER);
+CREATE TABLE used (owner TEXT PRIMARY KEY, iterations INTEGER NOT NULL) STRICT, WITHOUT ROWID;
+";
 
 /// Longest wait for others that have the database open, such as a backup that ends.
 const BUSY: Duration = Duration::from_secs(5);
@@ -193,7 +206,7 @@ impl SqliteStore {
         let mut copy = Connection::open(&fresh)?;
         let mut queries = Ready(&mut copy);
         let named = Named {
-            files: at_once(Box::pin(sql::bundled_files(&mut queries)))?,
+            files: at_once(Box::pin(sql_bundles::bundled_files(&mut queries)))?,
             images: at_once(Box::pin(sql::live_images(&mut queries)))?,
         };
         drop(copy);
@@ -410,15 +423,33 @@ impl StateStore for SqliteStore {
 
     async fn put_bundle(
         &self,
-        hash: BlobHash,
         manifest: BundleManifest,
         owner: String,
         most: u64,
-    ) -> Result<u64, StoreError> {
+        now: Millis,
+    ) -> Result<Announced, StoreError> {
         self.change(move |queries| {
-            Box::pin(async move { sql::put_bundle(queries, hash, &manifest, owner, most).await })
+            Box::pin(async move { sql_bundles::put_bundle(queries, &manifest, owner, most, now).await })
         })
         .await
+    }
+
+    async fn name_bundle(&self, hash: BlobHash, now: Millis) -> Result<Option<BundleManifest>, StoreError> {
+        self.change(move |queries| {
+            Box::pin(async move { Ok((sql_bundles::name_bundle(queries, hash, now).await?, true)) })
+        })
+        .await
+    }
+
+    async fn forget_bundles(&self, before: Millis) -> Result<usize, StoreError> {
+        self.change(move |queries| {
+            Box::pin(async move { Ok((sql_bundles::forget_bundles(queries, before).await?, true)) })
+        })
+        .await
+    }
+
+    async fn bundled_files(&self) -> Result<BTreeSet<BlobHash>, StoreError> {
+        self.ask(|queries| Box::pin(sql_bundles::bundled_files(queries))).await
     }
 
     async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
@@ -443,11 +474,12 @@ impl StateStore for SqliteStore {
     }
 
     async fn bundle(&self, hash: BlobHash) -> Result<Option<BundleManifest>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::bundle(queries, hash))).await
+        self.ask(move |queries| Box::pin(sql_bundles::bundle(queries, hash)))
+            .await
     }
 
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::bundled_size(queries, blob)))
+        self.ask(move |queries| Box::pin(sql_bundles::bundled_size(queries, blob)))
             .await
     }
 

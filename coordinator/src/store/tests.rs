@@ -195,6 +195,45 @@ pub(super) fn history() -> Vec<Vec<Change>> {
             loss: Loss::Untrusted,
         }],
         vec![reopened()],
+        short_life(),
+        vec![Change::JobDeleted {
+            job: JobId(4),
+            ended_ms: 1_700_000_000_010,
+            owner: "ann".into(),
+            iterations: 9,
+        }],
+    ]
+}
+
+/// Job 4 leaves something of everything behind, and ends.
+fn short_life() -> Vec<Change> {
+    let job = JobId(4);
+    let attempt = Attempt {
+        worker: WorkerId(1),
+        kind: FailureKind::Lost,
+        message: "away".into(),
+        at_ms: 3,
+    };
+    let attempt = FailedAttempt {
+        attempt,
+        principal: Principal(1),
+        repeated: false,
+    };
+    vec![
+        Change::JobSubmitted(head(4, Some("short"))),
+        Change::NodeAdded {
+            job,
+            node: NodeKey::leaf(0),
+            record: NodeRecord::new(BlobHash::of(b"short")),
+            resolution: [3, 2],
+        },
+        Change::LeafFailed { job, leaf: 1, attempt },
+        Change::JobEnded {
+            job,
+            state: JobState::Cancelled,
+            failure: None,
+            ended_ms: 1_700_000_000_010,
+        },
     ]
 }
 
@@ -351,7 +390,7 @@ async fn keeps_what_it_commits(kept: Kept<'_>) {
     assert_eq!(
         store.load().await.unwrap().1.counters,
         Counters {
-            job: 3,
+            job: 4,
             worker: 2,
             token: 2,
             share: 2
@@ -362,7 +401,9 @@ async fn keeps_what_it_commits(kept: Kept<'_>) {
         assert_eq!(found, model.jobs(before, limit).await.unwrap());
     }
     assert_eq!(store.job_by_key("key".into()).await.unwrap().unwrap().head.id, JobId(1));
-    assert_eq!(store.job_by_key("other".into()).await.unwrap(), None);
+    for key in ["other", "short"] {
+        assert_eq!(store.job_by_key(key.into()).await.unwrap(), None);
+    }
     store.close().await;
     assert!(store.load().await.is_err(), "a closed store answers no more");
 }
@@ -403,13 +444,101 @@ async fn bundles_are_kept() {
         };
         for bytes in [1, 5, 1] {
             let owner = String::from("ann");
-            let hash = manifest(bytes).hash();
-            store.put_bundle(hash, manifest(bytes), owner, u64::MAX).await.unwrap();
+            let announced = store.put_bundle(manifest(bytes), owner, u64::MAX, 0).await.unwrap();
+            let fresh = (bytes, announced.used) == (1, 1);
+            assert_eq!(
+                announced.fresh.contains(&BlobHash::of(b"x")),
+                fresh,
+                "only the first names it anew"
+            );
         }
         assert_eq!(store.bundle(manifest(5).hash()).await.unwrap(), Some(manifest(5)));
         assert_eq!(store.bundle(BlobHash::of(b"")).await.unwrap(), None);
         assert_eq!(store.bundled_size(BlobHash::of(b"x")).await.unwrap(), Some(5));
         assert_eq!(store.bundled_size(BlobHash::of(b"y")).await.unwrap(), None);
+    }
+}
+
+fn bundle_of(files: &[&str]) -> BundleManifest {
+    let entry = |name: &&str| ((*name).to_owned(), FileEntry::of(name.as_bytes()));
+    BundleManifest {
+        files: files.iter().map(entry).collect(),
+    }
+}
+
+#[tokio::test]
+async fn bundles_are_forgotten_that_no_job_and_lately_no_client_names() {
+    let folder = tempfile::tempdir().unwrap();
+    for store in stores(folder.path()).await {
+        let [first, second] = [bundle_of(&["a", "b"]), bundle_of(&["b", "c"])];
+        let put = async |bundle: &BundleManifest| store.put_bundle(bundle.clone(), "ann".into(), 9, 5).await.unwrap();
+        let left = async |files: &[&str]| {
+            let expected: BTreeSet<BlobHash> = files.iter().map(|file| BlobHash::of(file.as_bytes())).collect();
+            assert_eq!(store.bundled_files().await.unwrap(), expected);
+            let usage = store.usage("ann".into()).await.unwrap();
+            assert_eq!(
+                usage.bundle_bytes,
+                files.len() as u64,
+                "what is forgotten counts for nobody"
+            );
+        };
+        put(&first).await;
+        assert_eq!(put(&second).await.fresh, [BlobHash::of(b"c")].into());
+        let mut head = head(1, None);
+        head.spec.scene = first.hash();
+        let ended = Change::JobEnded {
+            job: JobId(1),
+            state: JobState::Cancelled,
+            failure: None,
+            ended_ms: 6,
+        };
+        let (sequence, _) = store.load().await.unwrap();
+        let changes = vec![Change::JobSubmitted(head), ended];
+        let Commit::Kept(sequence) = store.commit(sequence, changes).await.unwrap() else {
+            panic!("nobody else was there");
+        };
+        assert_eq!(store.forget_bundles(5).await.unwrap(), 0);
+        assert_eq!(store.name_bundle(second.hash(), 9).await.unwrap(), Some(second.clone()));
+        assert_eq!(store.forget_bundles(9).await.unwrap(), 0);
+        left(&["a", "b", "c"]).await;
+        assert_eq!(store.forget_bundles(10).await.unwrap(), 1);
+        left(&["a", "b"]).await;
+        assert_eq!(store.name_bundle(second.hash(), 10).await.unwrap(), None);
+        let deleted = Change::JobDeleted {
+            job: JobId(1),
+            ended_ms: 6,
+            owner: "ann".into(),
+            iterations: 9,
+        };
+        store.commit(sequence, vec![deleted]).await.unwrap();
+        assert_eq!(store.forget_bundles(10).await.unwrap(), 1);
+        left(&[]).await;
+        assert_eq!(put(&first).await.fresh.len(), 2);
+    }
+}
+
+#[tokio::test]
+async fn what_comes_too_late_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    for kept in [
+        Kept::Sqlite(folder.path()),
+        Kept::Postgres(Postgres::shared().database()),
+    ] {
+        let store = kept.open().await;
+        store.commit(0, short_life()).await.unwrap();
+        let before = store.job(JobId(4)).await.unwrap();
+        let (sequence, _) = store.load().await.unwrap();
+        let deleted = Change::JobDeleted {
+            job: JobId(4),
+            ended_ms: 1,
+            owner: "ann".into(),
+            iterations: 9,
+        };
+        let outcome = store.commit(sequence, vec![deleted]).await;
+        assert!(matches!(outcome, Err(StoreError::TooLate)), "{outcome:?}");
+        assert_eq!(store.job(JobId(4)).await.unwrap(), before);
+        assert_eq!(store.load().await.unwrap().0, sequence);
+        assert_eq!(store.usage("ann".into()).await.unwrap().iterations, 9);
     }
 }
 
@@ -460,10 +589,8 @@ async fn use_is_counted_by_owner() {
         };
         let put = async |owner: &str, files: &[(&str, u64)], most| {
             let manifest = manifest(files);
-            store
-                .put_bundle(manifest.hash(), manifest, owner.into(), most)
-                .await
-                .unwrap()
+            let announced = store.put_bundle(manifest, owner.into(), most, 0).await;
+            announced.unwrap().used
         };
         assert_eq!(put("ann", &[("x", 5), ("y", 2)], 7).await, 7);
         assert_eq!(put("ann", &[("x", 5), ("z", 1)], 7).await, 8);
@@ -478,7 +605,11 @@ async fn use_is_counted_by_owner() {
             bundle_bytes,
             iterations,
         };
-        assert_eq!(store.usage("ann".into()).await.unwrap(), usage(2, 7, 32));
+        assert_eq!(
+            store.usage("ann".into()).await.unwrap(),
+            usage(2, 7, 32 + 9),
+            "that of job 4 stays used"
+        );
         assert_eq!(store.usage("bob".into()).await.unwrap(), usage(0, 5, 0));
         assert_eq!(store.usage(String::new()).await.unwrap(), usage(1, 0, 9));
     }

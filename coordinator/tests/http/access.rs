@@ -459,8 +459,18 @@ async fn a_job_is_steered_by_its_owner_or_an_administrator() {
         expect_problem(reply, ErrorCode::Forbidden).await;
     }
     for (token, path) in [(&ann, "jobs/1"), (&closed.admin, "jobs/2")] {
+        let cancel = closed.by(token, Method::POST, &format!("{path}/cancel")).send();
+        assert_eq!(
+            cancel.await.unwrap().json::<Value>().await.unwrap()["state"],
+            "cancelled"
+        );
+        expect_problem(
+            closed.by(&bob, Method::DELETE, path).send().await.unwrap(),
+            ErrorCode::Forbidden,
+        )
+        .await;
         let reply = closed.by(token, Method::DELETE, path).send().await.unwrap();
-        assert_eq!(reply.json::<Value>().await.unwrap()["state"], "cancelled");
+        assert_eq!(reply.status(), StatusCode::NO_CONTENT);
     }
 }
 

@@ -112,3 +112,28 @@ async fn workers_go_into_quarantine_and_out_of_it() {
     let unknown = farm.post_json("workers/99/release", &json!({})).await;
     expect_problem(unknown, ErrorCode::UnknownWorker).await;
 }
+
+#[tokio::test]
+async fn a_job_is_deleted_once_it_has_ended_and_its_number_is_not_used_again() {
+    let farm = Farm::start().await;
+    let job = farm.submit(4).await;
+    let path = format!("jobs/{job}");
+    let delete = async || farm.request(Method::DELETE, &path).send().await.unwrap();
+    let problem = expect_problem(delete().await, ErrorCode::JobGoesOn).await;
+    assert!(problem.detail.contains("cancel it first"), "{problem}");
+    status(farm.post_json(&format!("{path}/cancel"), &json!({})).await).await;
+    assert_eq!(delete().await.status(), StatusCode::NO_CONTENT);
+    for answer in [
+        delete().await,
+        farm.get(&path).await,
+        farm.get(&format!("{path}/image.exr")).await,
+        farm.get(&format!("{path}/events")).await,
+        farm.post_json(&format!("{path}/extend"), &json!({"iterations": 9}))
+            .await,
+    ] {
+        expect_problem(answer, ErrorCode::NotFound).await;
+    }
+    let list: Value = farm.get("jobs").await.json().await.unwrap();
+    assert_eq!(list["jobs"], json!([]));
+    assert!(farm.submit(4).await > job);
+}
