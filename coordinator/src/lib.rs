@@ -19,7 +19,7 @@ use futures_util::future::BoxFuture;
 use photonfarm_proto::limits::Limits;
 use scheduler::SchedulerConfig;
 use server::{Certificates, Server};
-use service::{Service, ServiceError, Stores};
+use service::{Keep, Service, ServiceError, Stores};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -53,6 +53,8 @@ pub struct Config {
     pub connections_per_address: usize,
     /// How long peers may take.
     pub timeouts: Timeouts,
+    /// How long jobs that have ended are kept.
+    pub keep: Keep,
 }
 
 impl Config {
@@ -70,6 +72,7 @@ impl Config {
             connections: 4096,
             connections_per_address: 1024,
             timeouts: Timeouts::default(),
+            keep: Keep::default(),
         }
     }
 }
@@ -156,7 +159,7 @@ impl Coordinator {
             address,
             certificates,
             server: tokio::spawn(server.run(listener)),
-            clockwork: tokio::spawn(service.clone().run(step)),
+            clockwork: tokio::spawn(service.clone().run(step, config.keep)),
             service,
         })
     }

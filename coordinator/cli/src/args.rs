@@ -241,6 +241,13 @@ pub(crate) struct ServeArgs {
     /// Connections at once from one address; more are closed at once. A proxy in front is one address
     #[arg(long, value_name = "N", default_value = "1024")]
     pub(crate) connections_per_address: NonZeroUsize,
+    /// Delete jobs that ended more than so many days ago [default: keep them]
+    #[arg(long, value_name = "DAYS", value_parser = positive, env = "PHOTONFARM_KEEP_DAYS")]
+    pub(crate) keep_days: Option<f64>,
+    /// Delete the oldest jobs that have ended where such jobs take more room, with the scenes that only they name
+    /// [default: keep them]
+    #[arg(long, value_name = "GB", value_parser = positive, env = "PHOTONFARM_KEEP_GIGABYTES")]
+    pub(crate) keep_gigabytes: Option<f64>,
     /// Format of the log; RUST_LOG chooses what it tells
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     pub(crate) log_format: LogFormat,
@@ -473,6 +480,7 @@ mod tests {
             "photonfarm render s.xml -o o.exr --from a.exr --threads 2",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format json",
             "photonfarm serve --listen [::]:0 --data d --tls-cert c --tls-key k --rate 5 --connections 9 --connections-per-address 3",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --keep-days 0.5 --keep-gigabytes 200",
             "photonfarm token create a --role submit --days 0.5 --most-jobs 1 --most-gigabytes 2 --data d",
             "photonfarm token list --coordinator http://localhost:1 --token-file t --ca c",
             "photonfarm token revoke a --data d",
@@ -513,6 +521,7 @@ mod tests {
             "photonfarm token create a --role read --days 0 --data d",
             "photonfarm serve --listen 127.0.0.1:0 --state sqlite:a.sqlite",
             "photonfarm serve --listen 127.0.0.1:0 --data d --blobs http://farm",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --keep-days 0",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format xml",
         ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_err(), "{line}");

@@ -4,6 +4,7 @@ use crate::args::ServeArgs;
 use crate::say;
 use anyhow::{Context, Result, anyhow};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
+use photonfarm_coordinator::service::Keep;
 use photonfarm_coordinator::{Config, Coordinator, TlsFiles};
 use std::io::ErrorKind;
 use tokio::net::TcpListener;
@@ -40,6 +41,10 @@ async fn serve(args: ServeArgs) -> Result<()> {
             lease_target_ms: 1000 * u64::from(args.lease_seconds.get()),
             verify_until: args.verify,
             ..SchedulerConfig::default()
+        },
+        keep: Keep {
+            longest_ms: args.keep_days.map(|days| (days * 86_400_000.0) as u64),
+            most_bytes: args.keep_gigabytes.map(|count| (count * 1e9) as u64),
         },
         ..Config::new(args.data.unwrap_or_default())
     };

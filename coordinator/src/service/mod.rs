@@ -13,6 +13,7 @@ mod merge;
 mod nodes;
 mod noise;
 mod obstacles;
+mod retention;
 mod shared;
 #[cfg(test)]
 mod shared_tests;
@@ -27,6 +28,7 @@ mod workers;
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture};
 pub(crate) use obstacles::Part;
+pub use retention::Keep;
 
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig, Secret};
@@ -149,8 +151,9 @@ impl Service {
         Ok(service)
     }
 
-    /// Runs the clockwork until the service stops; first of all it merges what was left undone.
-    pub async fn run(self: Arc<Self>, step: Duration) {
+    /// Runs the clockwork until the service stops; first of all it merges what was left undone. Jobs that have ended are
+    /// kept as `keep` says.
+    pub async fn run(self: Arc<Self>, step: Duration, keep: Keep) {
         let mut stopping = self.stopping.subscribe();
         let follower = tokio::spawn(self.clone().follow());
         let looker = tokio::spawn(self.clone().look_around());
@@ -162,6 +165,9 @@ impl Service {
                 }
                 if self.leads() && swept.elapsed() > SWEEP {
                     swept = Instant::now();
+                    if let Err(error) = self.retain(keep).await {
+                        tracing::warn!(%error, "jobs are left to be deleted later");
+                    }
                     if let Err(error) = self.sweep().await {
                         tracing::warn!(%error, "garbage is left for later");
                     }

@@ -116,7 +116,7 @@ async fn what_one_grants_the_other_knows() {
 async fn a_worker_that_waits_at_one_gets_the_job_that_the_other_takes() {
     let (folder, url) = (tempfile::tempdir().unwrap(), Postgres::shared().database());
     let (a, b) = (open(&url, folder.path()).await, open(&url, folder.path()).await);
-    let running = tokio::spawn(b.clone().run(Duration::from_millis(20)));
+    let running = tokio::spawn(b.clone().run(Duration::from_millis(20), Keep::default()));
     let worker = register(&b).await;
     let waiting = tokio::spawn({
         let b = b.clone();

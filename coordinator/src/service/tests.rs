@@ -360,7 +360,7 @@ async fn merges_left_undone_are_done_after_the_next_start() {
     }
     assert_eq!(world.service.status(world.job).await.unwrap().state, JobState::Running);
     let service = open(world.folder.path(), &world.state).await;
-    let running = tokio::spawn(service.clone().run(Duration::from_millis(10)));
+    let running = tokio::spawn(service.clone().run(Duration::from_millis(10), Keep::default()));
     let mut progress = service.progress();
     while !service.status(world.job).await.unwrap().state.ended() {
         progress.changed().await.unwrap();
@@ -578,4 +578,34 @@ async fn a_file_that_is_about_to_be_removed_is_missing() {
     age_by(&world.folder.path().join("scenes"), Duration::from_secs(90_000));
     service.sweep().await.unwrap();
     assert_eq!(announce().await, [], "a file that is named stays, however old");
+}
+
+#[tokio::test]
+async fn jobs_that_have_ended_are_deleted_once_they_are_old_or_take_too_much_room() {
+    let day = 86_400_000;
+    let world = World::new(2).await;
+    world.upload(&world.lease().await).await.unwrap();
+    let (service, first) = (&world.service, world.job);
+    let image = service.stores.nodes.list().await.unwrap()[0].0;
+    let bytes = service.stores.nodes.size(image).await.unwrap().unwrap();
+    let spec = service.status(first).await.unwrap().spec;
+    let second = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;
+    let keep = |longest_ms, most_bytes| Keep { longest_ms, most_bytes };
+    let left = async |keep, jobs: &[JobId]| {
+        service.retain(keep).await.unwrap();
+        let known: Vec<JobId> = world.state.rows().jobs.keys().copied().collect();
+        assert_eq!(known, jobs);
+    };
+    service.clock.suspend(2 * day);
+    left(keep(Some(0), Some(0)), &[first, second]).await;
+    service.cancel_job(first).await.unwrap();
+    left(keep(None, Some(bytes)), &[first, second]).await;
+    service.clock.suspend(day - 60_000);
+    left(keep(Some(day as u64), None), &[first, second]).await;
+    service.clock.suspend(120_000);
+    left(keep(Some(day as u64), None), &[second]).await;
+    assert_eq!(world.blobs().await, 0);
+    service.cancel_job(second).await.unwrap();
+    left(keep(None, Some(b"scene".len() as u64)), &[second]).await;
+    left(keep(None, Some(b"scene".len() as u64 - 1)), &[]).await;
 }

@@ -202,6 +202,10 @@ impl StateStore for FaultyState {
         self.inner.job_by_key(key).await
     }
 
+    async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {
+        self.inner.ended_jobs().await
+    }
+
     async fn put_bundle(
         &self,
         manifest: BundleManifest,

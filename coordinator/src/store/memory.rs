@@ -1,6 +1,6 @@
 //! A store for tests: state in memory, which can be told to fail.
 
-use super::{Announced, Commit, Sequence, StateStore, StoreError};
+use super::{Announced, Commit, EndedJob, Sequence, StateStore, StoreError, image_bytes};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{
     BlobName, Change, Counters, JobControl, JobHead, JobRecord, Millis, Snapshot, WorkerRecord,
@@ -224,6 +224,20 @@ impl StateStore for MemoryStore {
             .rev()
             .filter(|job| before.is_none_or(|before| job.head.id < before));
         Ok(below.take(limit as usize).cloned().collect())
+    }
+
+    async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {
+        let rows = self.rows();
+        let ended = rows.jobs.values().filter_map(|job| {
+            let live = job.nodes.iter().filter(|(_, node)| node.live).count() as u64;
+            Some(EndedJob {
+                id: job.head.id,
+                ended_ms: job.ended_ms?,
+                scene: job.head.spec.scene,
+                bytes: live * image_bytes(&job.head.spec, job.resolution),
+            })
+        });
+        Ok(ended.collect())
     }
 
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {

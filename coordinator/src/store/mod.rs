@@ -38,6 +38,8 @@ use async_trait::async_trait;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
+use photonfarm_proto::job::JobSpec;
+use photonfarm_proto::node::{NodeHeader, NodeKey};
 use photonfarm_proto::token::Usage;
 use photonfarm_proto::worker::LeaseProgress;
 use serde::{Deserialize, Serialize};
@@ -194,6 +196,32 @@ pub enum News {
     Forgotten,
 }
 
+/// A job that has ended, and the room that it takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EndedJob {
+    /// The job.
+    pub id: JobId,
+    /// When it ended.
+    pub ended_ms: Millis,
+    /// The bundle that it names.
+    pub scene: BlobHash,
+    /// Bytes of its images.
+    pub bytes: u64,
+}
+
+/// Bytes of an image of a node of a job whose images have this size, once that is known.
+fn image_bytes(spec: &JobSpec, resolution: Option<[u32; 2]>) -> u64 {
+    let [width, height] = resolution.unwrap_or_default();
+    let header = NodeHeader {
+        job: JobId(0),
+        key: NodeKey::leaf(0),
+        width,
+        height,
+        statistics: spec.integrator.with_defaults().statistics_per_pixel() as u16,
+    };
+    NodeHeader::BYTES as u64 + header.plane_bytes()
+}
+
 /// What is known of a bundle that was announced.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Announced {
@@ -235,6 +263,8 @@ pub trait StateStore: Send + Sync {
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError>;
     /// Up to `limit` jobs, newest first, below the job `before`.
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError>;
+    /// The jobs that have ended.
+    async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError>;
     /// The job that was submitted with an idempotency key.
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError>;
     /// Keeps a manifest, which the owner names at the time `now`, under its hash, and counts its distinct blobs for the

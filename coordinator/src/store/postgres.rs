@@ -8,7 +8,7 @@ use super::postgres_tls::connector;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_bundles;
 use super::sql_changes::apply;
-use super::{Announced, Beat, Commit, News, Sequence, StateStore, StoreError};
+use super::{Announced, Beat, Commit, EndedJob, News, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -510,6 +510,10 @@ impl StateStore for PostgresStore {
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
         self.ask(move |queries| Box::pin(sql::jobs(queries, before, limit)))
             .await
+    }
+
+    async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {
+        self.ask(|queries| Box::pin(sql::ended_jobs(queries))).await
     }
 
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {

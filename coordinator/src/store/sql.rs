@@ -2,7 +2,7 @@
 
 use super::sql_bundles::owned_bytes;
 use super::sql_changes::raise_counter;
-use super::{Sequence, StoreError};
+use super::{EndedJob, Sequence, StoreError, image_bytes};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{
     BlobName, Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord,
@@ -10,6 +10,7 @@ use crate::scheduler::record::{
 use async_trait::async_trait;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::id::{BlobHash, JobId};
+use photonfarm_proto::job::JobSpec;
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::token::Usage;
 use serde::Serialize;
@@ -132,6 +133,13 @@ impl Row {
         }
     }
 
+    fn resolution(&mut self) -> Result<Option<[u32; 2]>, StoreError> {
+        Ok(match (self.optional_integer()?, self.optional_integer()?) {
+            (Some(width), Some(height)) => Some([width as u32, height as u32]),
+            _ => None,
+        })
+    }
+
     pub(super) fn hash(&mut self) -> Result<BlobHash, StoreError> {
         match self.next() {
             Value::Bytes(bytes) => {
@@ -213,6 +221,26 @@ pub(super) async fn jobs(
     let sql = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
         control, share_ms FROM job WHERE id < ?1 ORDER BY id DESC LIMIT ?2";
     read_jobs(queries, sql, [Value::Integer(before), small(limit)]).await
+}
+
+/// The jobs that have ended.
+pub(super) async fn ended_jobs(queries: &mut dyn Queries) -> Result<Vec<EndedJob>, StoreError> {
+    let sql = "SELECT id, ended_ms, spec, width, height,
+        (SELECT count(*) FROM node WHERE node.job = job.id AND node.live = 1)
+        FROM job WHERE ended_ms IS NOT NULL";
+    ask(queries, sql, []).await?.into_iter().map(read_ended_job).collect()
+}
+
+fn read_ended_job(mut row: Row) -> Result<EndedJob, StoreError> {
+    let (id, ended_ms) = (JobId(row.integer()?), row.integer()?);
+    let spec: JobSpec = row.json()?;
+    let image = image_bytes(&spec, row.resolution()?);
+    Ok(EndedJob {
+        id,
+        ended_ms,
+        scene: spec.scene,
+        bytes: row.integer()? * image,
+    })
 }
 
 /// The job that was submitted with an idempotency key.
@@ -345,10 +373,7 @@ fn read_job(mut row: Row) -> Result<JobRecord, StoreError> {
     let spec = row.json()?;
     let (key, created_ms) = (row.optional_text()?, row.integer()?);
     let (state, failure, ended_ms) = (row.json()?, row.optional_text()?, row.optional_integer()?);
-    let resolution = match (row.optional_integer()?, row.optional_integer()?) {
-        (Some(width), Some(height)) => Some([width as u32, height as u32]),
-        _ => None,
-    };
+    let resolution = row.resolution()?;
     let (totals, owner) = (row.json()?, row.text()?);
     let control = row.optional_text()?.map(|text| from_json(&text)).transpose()?;
     Ok(JobRecord {

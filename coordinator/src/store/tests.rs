@@ -381,6 +381,11 @@ async fn keeps_what_it_commits(kept: Kept<'_>) {
         for id in 1..=4 {
             assert_eq!(store.job(JobId(id)).await.unwrap(), model.job(JobId(id)).await.unwrap());
         }
+        let mut ended = [store.ended_jobs().await.unwrap(), model.ended_jobs().await.unwrap()];
+        ended
+            .iter_mut()
+            .for_each(|jobs| jobs.sort_unstable_by_key(|job| job.id));
+        assert_eq!(ended[0], ended[1]);
         let mut images = [store.live_images().await.unwrap(), model.live_images().await.unwrap()];
         images.iter_mut().for_each(|images| images.sort_unstable());
         assert_eq!(images[0], images[1]);
