@@ -2,9 +2,9 @@
 
 use super::extract::{Id, JsonBody, Params};
 use super::guard::{By, Steered};
-use super::spool::Spool;
+use super::spool::{LongBody, Spool};
 use super::{ApiError, App};
-use crate::service::ImageFormat;
+use crate::service::{ImageFormat, PictureFile};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -150,16 +150,17 @@ async fn image(
     let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
     let make = async {
         let picture = service.picture(id, format, known).await?;
-        let status = match &picture.bytes {
-            Some(_) => StatusCode::OK,
-            None => StatusCode::NOT_MODIFIED,
+        let (status, body) = match picture.file {
+            PictureFile::Known => (StatusCode::NOT_MODIFIED, LongBody::None),
+            PictureFile::Made(bytes) => (StatusCode::OK, LongBody::Bytes(bytes)),
+            PictureFile::Kept(bytes, reader) => (StatusCode::OK, LongBody::Stored(bytes, reader)),
         };
         let head = [
             (header::ETAG, picture.etag),
             (header::CACHE_CONTROL, "no-cache".to_owned()),
             (header::CONTENT_TYPE, media_type.to_owned()),
         ];
-        Ok(((status, head).into_response(), picture.bytes))
+        Ok(((status, head).into_response(), body))
     };
     spool.answer(make).await
 }

@@ -1,6 +1,7 @@
-//! Long answers on their way to slow readers: in a file without a name, and not in memory.
+//! Long answers on their way to slow readers: in a file without a name or in the store, and not in memory.
 
 use super::ApiError;
+use crate::store::BlobReader;
 use axum::body::Body;
 use axum::http::header::CONTENT_LENGTH;
 use axum::response::Response;
@@ -9,6 +10,8 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use std::io::{Seek, Write};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::fs::File;
+use tokio::io::AsyncRead;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::io::ReaderStream;
 
@@ -36,12 +39,22 @@ impl Default for Spool {
     }
 }
 
+/// The body of a long answer.
+pub(super) enum LongBody {
+    /// There is none.
+    None,
+    /// It was made for this answer.
+    Bytes(Vec<u8>),
+    /// So many bytes in the store.
+    Stored(u64, BlobReader),
+}
+
 impl Spool {
-    /// Makes an answer, head and body, and moves the body to a file; its reader then takes disk for as long as it likes,
-    /// and no memory.
+    /// Makes an answer, head and body, and moves a body that is not in the store to a file; its reader then takes disk for
+    /// as long as it likes, and no memory.
     pub(super) async fn answer<F>(&self, make: F) -> Result<Response, ApiError>
     where
-        F: Future<Output = Result<(Response, Option<Vec<u8>>), ApiError>>,
+        F: Future<Output = Result<(Response, LongBody), ApiError>>,
     {
         let busy = || {
             Problem::new(
@@ -55,19 +68,21 @@ impl Spool {
             Some((answer, self.making.acquire().await.ok()?))
         });
         let (answer, _making) = turn.await.ok().flatten().ok_or_else(busy)?;
-        let (mut response, bytes) = make.await?;
-        if let Some(bytes) = bytes {
-            response.headers_mut().insert(CONTENT_LENGTH, bytes.len().into());
-            *response.body_mut() = match bytes.len() {
-                0..=SHORT => bytes.into(),
-                _ => stream(bytes, answer).await?,
-            };
-        }
+        let (mut response, body) = make.await?;
+        let (length, body) = match body {
+            LongBody::None => return Ok(response),
+            LongBody::Bytes(bytes) if bytes.len() <= SHORT => (bytes.len() as u64, bytes.into()),
+            LongBody::Bytes(bytes) => (bytes.len() as u64, read_to_end(put_aside(bytes).await?, answer)),
+            LongBody::Stored(length, reader) => (length, read_to_end(reader, answer)),
+        };
+        response.headers_mut().insert(CONTENT_LENGTH, length.into());
+        *response.body_mut() = body;
         Ok(response)
     }
 }
 
-async fn stream(bytes: Vec<u8>, answer: OwnedSemaphorePermit) -> Result<Body, ApiError> {
+/// Moves bytes to a file without a name.
+async fn put_aside(bytes: Vec<u8>) -> Result<File, ApiError> {
     let file = tokio::task::spawn_blocking(move || {
         let mut file = tempfile::tempfile()?;
         file.write_all(&bytes)?;
@@ -79,9 +94,14 @@ async fn stream(bytes: Vec<u8>, answer: OwnedSemaphorePermit) -> Result<Body, Ap
         tracing::error!(%error, folder = %folder.display(), "a picture could not be put aside to be sent");
         Problem::new(ErrorCode::Internal, "the coordinator could not do it; its log says why")
     })?;
-    let pieces = ReaderStream::with_capacity(tokio::fs::File::from_std(file), 64 << 10);
-    Ok(Body::from_stream(pieces.map(move |piece| {
+    Ok(File::from_std(file))
+}
+
+/// A body that counts as an answer until its last piece was read.
+fn read_to_end(reader: impl AsyncRead + Send + 'static, answer: OwnedSemaphorePermit) -> Body {
+    let pieces = ReaderStream::with_capacity(reader, 64 << 10);
+    Body::from_stream(pieces.map(move |piece| {
         let _until_the_last = &answer;
         piece
-    })))
+    }))
 }

@@ -2,7 +2,7 @@
 
 use super::extract::{Framed, expect_media_type};
 use super::guard::{By, From};
-use super::spool::Spool;
+use super::spool::{LongBody, Spool};
 use super::{ApiError, App};
 use crate::scheduler::Delivered;
 use crate::service::{Part, ServiceError};
@@ -99,7 +99,7 @@ pub(super) async fn statistics(
 ) -> Result<Response, ApiError> {
     service.check_worker(request.worker, &caller.name).await?;
     let head = [(CONTENT_TYPE, "application/octet-stream")].into_response();
-    let make = async { Ok((head, Some(service.statistics(request).await?))) };
+    let make = async { Ok((head, LongBody::Bytes(service.statistics(request).await?))) };
     spool.answer(make).await
 }
 

@@ -109,6 +109,12 @@ impl Job {
         &self.head
     }
 
+    /// When it ended; nothing while it goes on.
+    #[must_use]
+    pub fn ended_ms(&self) -> Option<Millis> {
+        self.ended_ms
+    }
+
     /// How it goes on.
     #[must_use]
     pub fn control(&self) -> &JobControl {

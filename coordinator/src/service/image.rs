@@ -2,6 +2,7 @@
 
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
+use crate::store::BlobReader;
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::{self, PictureMetadata};
 use photonfarm_core::settings::IntegratorSettings;
@@ -22,13 +23,32 @@ pub enum ImageFormat {
     Png,
 }
 
+impl ImageFormat {
+    /// Its name in the state.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Exr => "exr",
+            Self::Png => "png",
+        }
+    }
+}
+
 /// A picture as a file.
-#[derive(Clone, Debug)]
 pub struct Picture {
     /// Names these bytes: the same tag, the same picture.
     pub etag: String,
-    /// The file; none if the client's tag is the same.
-    pub bytes: Option<Vec<u8>>,
+    /// The file.
+    pub file: PictureFile,
+}
+
+/// Where a picture is.
+pub enum PictureFile {
+    /// The client has it: it sent the same tag.
+    Known,
+    /// It was just made.
+    Made(Vec<u8>),
+    /// It was kept, with so many bytes.
+    Kept(u64, BlobReader),
 }
 
 impl Service {
@@ -39,33 +59,57 @@ impl Service {
         format: ImageFormat,
         known: Option<&str>,
     ) -> Result<Picture, ServiceError> {
-        let _permit = self.pictures.acquire().await.map_err(|_| ServiceError::Stopping)?;
         for _ in 0..ATTEMPTS {
             let job = self.find_job(id).await?;
             let etag = etag(&job, format);
             if known.is_some_and(|known| matches_tag(known, &etag)) {
-                return Ok(Picture { etag, bytes: None });
+                let file = PictureFile::Known;
+                return Ok(Picture { etag, file });
             }
-            let Some(image) = self.average(&job).await? else {
-                continue;
+            let file = match self.kept_picture(&job, format, &etag).await? {
+                Some((bytes, reader)) => Some(PictureFile::Kept(bytes, reader)),
+                None => self.make_picture(&job, format, &etag).await?,
             };
-            let metadata = metadata(&job);
-            let encode = move || match format {
-                ImageFormat::Exr => {
-                    let noise = image.noise();
-                    picture::encode_exr(&image, &PictureMetadata { noise, ..metadata })
-                }
-                ImageFormat::Png => picture::encode_png(&image),
-            };
-            let bytes = tokio::task::spawn_blocking(encode)
-                .await
-                .map_err(|_| ServiceError::Stopping)??;
-            return Ok(Picture {
-                etag,
-                bytes: Some(bytes),
-            });
+            if let Some(file) = file {
+                return Ok(Picture { etag, file });
+            }
         }
         Err(Problem::new(ErrorCode::Internal, "nodes of the image are missing").into())
+    }
+
+    /// Makes the picture of a job, and keeps it if the job has ended; nothing if a node was merged or given up meanwhile.
+    async fn make_picture(
+        self: &Arc<Self>,
+        job: &Job,
+        format: ImageFormat,
+        etag: &str,
+    ) -> Result<Option<PictureFile>, ServiceError> {
+        let _once = match job.ended_ms() {
+            Some(_) => Some(self.finishing.lock().await),
+            None => None,
+        };
+        if let Some((bytes, reader)) = self.kept_picture(job, format, etag).await? {
+            return Ok(Some(PictureFile::Kept(bytes, reader)));
+        }
+        let _permit = self.pictures.acquire().await.map_err(|_| ServiceError::Stopping)?;
+        let Some(image) = self.average(job).await? else {
+            return Ok(None);
+        };
+        let metadata = metadata(job);
+        let encode = move || match format {
+            ImageFormat::Exr => {
+                let noise = image.noise();
+                picture::encode_exr(&image, &PictureMetadata { noise, ..metadata })
+            }
+            ImageFormat::Png => picture::encode_png(&image),
+        };
+        let bytes = tokio::task::spawn_blocking(encode)
+            .await
+            .map_err(|_| ServiceError::Stopping)??;
+        if let Some(ended_ms) = job.ended_ms() {
+            self.keep_picture((job.id(), ended_ms), format, etag, &bytes).await;
+        }
+        Ok(Some(PictureFile::Made(bytes)))
     }
 
     /// The average; nothing if a node was merged or given up meanwhile.

@@ -162,13 +162,15 @@ impl Service {
     pub async fn delete_job(self: &Arc<Self>, id: JobId) -> Result<(), ServiceError> {
         loop {
             let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
+            let pictures = self.stores.state.pictures(id).await?;
             let known = record.clone();
             match self.transact(move |farm, _| farm.delete(&known)).await {
                 // It was extended, or deleted: what is kept of it now decides.
                 Err(ServiceError::Store(StoreError::TooLate)) => {}
                 Err(error) => return Err(error),
                 Ok(()) => {
-                    let images = Job::from_record(record).live_images().map(|(_, image)| image).collect();
+                    let job = Job::from_record(record);
+                    let images = job.live_images().map(|(_, image)| image).chain(pictures).collect();
                     let service = self.clone();
                     let removal = tokio::spawn(async move { service.remove_all(images).await });
                     return removal.await.map_err(|_| ServiceError::Stopping);
@@ -241,8 +243,12 @@ impl Service {
         if more > 0 {
             self.check_quota(caller, u64::from(ended.is_some()), more).await?;
         }
+        let pictures = self.stores.state.pictures(id).await?;
         self.transact(move |farm, _| farm.extend(id, iterations, ended.as_ref()))
             .await?;
+        if more > 0 {
+            self.collect(pictures);
+        }
         self.status(id).await
     }
 

@@ -9,6 +9,7 @@ mod garbage;
 mod image;
 mod jobs;
 mod journal;
+mod kept;
 mod merge;
 mod nodes;
 mod noise;
@@ -26,7 +27,7 @@ mod window_tests;
 mod workers;
 
 pub use error::ServiceError;
-pub use image::{ImageFormat, Picture};
+pub use image::{ImageFormat, Picture, PictureFile};
 pub(crate) use obstacles::Part;
 pub use retention::Keep;
 
@@ -80,6 +81,8 @@ pub struct Service {
     at_hand: at_hand::AtHand,
     uploads: Semaphore,
     pictures: Semaphore,
+    /// Held while the picture of a job that has ended is made.
+    finishing: Mutex<()>,
     shared: shared::Shared,
     obstacles: obstacles::Obstacles,
     /// Connections that were refused, since their address had too many.
@@ -136,6 +139,7 @@ impl Service {
             at_hand: at_hand::AtHand::default(),
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
+            finishing: Mutex::default(),
             shared: shared::Shared::default(),
             obstacles: obstacles::Obstacles::default(),
             refused_connections: Arc::default(),

@@ -85,7 +85,8 @@ fn reason(error: &StoreError) -> Option<Waiting> {
     };
     match full {
         true => Some(Waiting::DiskFull),
-        false => (error.retryable() && !matches!(error, StoreError::Stopped)).then_some(Waiting::StoreAway),
+        false => (error.retryable() && !matches!(error, StoreError::Stopped | StoreError::TooLate))
+            .then_some(Waiting::StoreAway),
     }
 }
 

@@ -187,6 +187,7 @@ async fn a_job_is_deleted_once_whoever_is_asked() {
         .collect();
     assert_eq!(refused, [ErrorCode::NotFound]);
     for service in [&a, &b] {
+        service.catch_up(&mut *service.farm.lock().await).await.unwrap();
         assert_eq!(
             service.status(job).await.unwrap_err().into_problem().code,
             ErrorCode::NotFound

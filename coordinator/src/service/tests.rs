@@ -27,6 +27,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 use tempfile::TempDir;
+use tokio::io::AsyncReadExt;
 
 pub(super) struct World {
     folder: TempDir,
@@ -538,7 +539,7 @@ async fn a_deleted_job_leaves_nothing_behind_and_its_scene_goes_a_day_after_it_w
     for error in [
         service.delete_job(job).await.unwrap_err(),
         service.status(job).await.unwrap_err(),
-        service.picture(job, ImageFormat::Exr, None).await.unwrap_err(),
+        service.picture(job, ImageFormat::Exr, None).await.err().unwrap(),
     ] {
         assert_eq!(error.into_problem().code, ErrorCode::NotFound);
     }
@@ -608,4 +609,71 @@ async fn jobs_that_have_ended_are_deleted_once_they_are_old_or_take_too_much_roo
     service.cancel_job(second).await.unwrap();
     left(keep(None, Some(b"scene".len() as u64)), &[second]).await;
     left(keep(None, Some(b"scene".len() as u64 - 1)), &[]).await;
+}
+
+async fn bytes_of(picture: Picture) -> Vec<u8> {
+    match picture.file {
+        PictureFile::Known => Vec::new(),
+        PictureFile::Made(bytes) => bytes,
+        PictureFile::Kept(length, mut reader) => {
+            let mut bytes = Vec::new();
+            reader.read_to_end(&mut bytes).await.unwrap();
+            assert_eq!(bytes.len() as u64, length);
+            bytes
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_picture_of_a_job_that_has_ended_is_made_once_and_anew_where_it_is_damaged() {
+    let world = World::new(1).await;
+    world.upload(&world.lease().await).await.unwrap();
+    let (service, job) = (&world.service, world.job);
+    while !service.status(job).await.unwrap().state.ended() {
+        service.fold_all().await;
+    }
+    let fetch = async |made: bool| {
+        let picture = service.picture(job, ImageFormat::Exr, None).await.unwrap();
+        assert_eq!(matches!(picture.file, PictureFile::Made(_)), made);
+        bytes_of(picture).await
+    };
+    let kept = async || service.stores.state.pictures(job).await.unwrap();
+    let picture = fetch(true).await;
+    assert_eq!((fetch(false).await, world.blobs().await), (picture.clone(), 2));
+    let digits = kept().await[0].to_string();
+    let file = world.folder.path().join("nodes").join(&digits[..2]).join(&digits[2..]);
+    let mut damaged = picture.clone();
+    damaged[picture.len() / 2] ^= 1;
+    std::fs::write(&file, damaged).unwrap();
+    assert_eq!(fetch(true).await, picture);
+    service.stores.nodes.remove(kept().await[0]).await.unwrap();
+    assert_eq!(fetch(true).await, picture);
+    age(&world.folder.path().join("nodes"));
+    service.sweep().await.unwrap();
+    assert_eq!(world.blobs().await, 2, "what took its place is no garbage");
+
+    let node = world.state.rows().jobs[&job].nodes[0].1.image();
+    service.stores.nodes.remove(node).await.unwrap();
+    assert_eq!(fetch(false).await, picture, "no node is read for it");
+    service.extend_job(job, 2, &Caller::anyone()).await.unwrap();
+    assert!(kept().await.is_empty());
+    while world.blobs().await > 0 {
+        tokio::task::yield_now().await;
+    }
+}
+
+#[tokio::test]
+async fn pictures_go_with_their_job() {
+    let world = World::new(2).await;
+    world.upload(&world.lease().await).await.unwrap();
+    let (service, job) = (&world.service, world.job);
+    let fetch = async |format| bytes_of(service.picture(job, format, None).await.unwrap()).await;
+    let before = fetch(ImageFormat::Exr).await;
+    assert_eq!(world.blobs().await, 1, "a job that goes on has no picture to keep");
+    service.cancel_job(job).await.unwrap();
+    assert_eq!(fetch(ImageFormat::Exr).await, before);
+    let png = fetch(ImageFormat::Png).await;
+    assert_eq!((fetch(ImageFormat::Png).await, world.blobs().await), (png, 3));
+    service.delete_job(job).await.unwrap();
+    assert_eq!(world.blobs().await, 0);
 }

@@ -256,6 +256,24 @@ impl StateStore for FaultyState {
         self.inner.close().await;
     }
 
+    async fn picture(&self, job: JobId, format: &'static str) -> Result<Option<PictureRecord>, StoreError> {
+        self.inner.picture(job, format).await
+    }
+
+    async fn put_picture(
+        &self,
+        job: JobId,
+        ended_ms: Millis,
+        format: &'static str,
+        picture: PictureRecord,
+    ) -> Result<Option<BlobName>, StoreError> {
+        self.inner.put_picture(job, ended_ms, format, picture).await
+    }
+
+    async fn pictures(&self, job: JobId) -> Result<Vec<BlobName>, StoreError> {
+        self.inner.pictures(job).await
+    }
+
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
         self.inner.live_images().await
     }

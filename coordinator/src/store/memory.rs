@@ -1,6 +1,6 @@
 //! A store for tests: state in memory, which can be told to fail.
 
-use super::{Announced, Commit, EndedJob, Sequence, StateStore, StoreError, image_bytes};
+use super::{Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, image_bytes};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{
     BlobName, Change, Counters, JobControl, JobHead, JobRecord, Millis, Snapshot, WorkerRecord,
@@ -25,6 +25,7 @@ pub(crate) struct Rows {
     bundles: BTreeMap<BlobHash, (BundleManifest, Millis)>,
     owned: BTreeMap<(String, BlobHash), u64>,
     tokens: BTreeMap<String, TokenRecord>,
+    pictures: BTreeMap<(JobId, &'static str), PictureRecord>,
     /// Iterations of deleted jobs, by owner.
     used: BTreeMap<String, u64>,
 }
@@ -61,6 +62,7 @@ impl Rows {
             }
             Change::JobChanged { job, control } => self.job(*job).control = control.clone(),
             Change::JobReopened { record, ended_ms } => {
+                self.pictures.retain(|(of, _), _| *of != record.head.id);
                 let job = self.job(record.head.id);
                 assert_eq!(job.ended_ms, Some(*ended_ms));
                 *job = *record.clone();
@@ -72,6 +74,7 @@ impl Rows {
                 iterations,
             } => {
                 assert_eq!(self.jobs.remove(job).unwrap().ended_ms, Some(*ended_ms));
+                self.pictures.retain(|(of, _), _| of != job);
                 *self.used.entry(owner.clone()).or_default() += u64::from(*iterations);
             }
             Change::LeaseGranted(lease) => {
@@ -229,12 +232,14 @@ impl StateStore for MemoryStore {
     async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {
         let rows = self.rows();
         let ended = rows.jobs.values().filter_map(|job| {
+            let pictures = rows.pictures.iter().filter(|((of, _), _)| *of == job.head.id);
+            let pictures: u64 = pictures.map(|(_, picture)| picture.bytes).sum();
             let live = job.nodes.iter().filter(|(_, node)| node.live).count() as u64;
             Some(EndedJob {
                 id: job.head.id,
                 ended_ms: job.ended_ms?,
                 scene: job.head.spec.scene,
-                bytes: live * image_bytes(&job.head.spec, job.resolution),
+                bytes: live * image_bytes(&job.head.spec, job.resolution) + pictures,
             })
         });
         Ok(ended.collect())
@@ -339,12 +344,38 @@ impl StateStore for MemoryStore {
         Ok(sizes.filter(|file| file.hash == blob).map(|file| file.bytes).max())
     }
 
+    async fn picture(&self, job: JobId, format: &'static str) -> Result<Option<PictureRecord>, StoreError> {
+        Ok(self.rows().pictures.get(&(job, format)).cloned())
+    }
+
+    async fn put_picture(
+        &self,
+        job: JobId,
+        ended_ms: Millis,
+        format: &'static str,
+        picture: PictureRecord,
+    ) -> Result<Option<BlobName>, StoreError> {
+        let mut rows = self.rows();
+        let ended = rows.jobs.get(&job).and_then(|job| job.ended_ms);
+        if ended != Some(ended_ms) {
+            return Ok(Some(picture.image));
+        }
+        let replaced = rows.pictures.insert((job, format), picture);
+        Ok(replaced.map(|picture| picture.image))
+    }
+
+    async fn pictures(&self, job: JobId) -> Result<Vec<BlobName>, StoreError> {
+        let rows = self.rows();
+        let pictures = rows.pictures.iter().filter(|((of, _), _)| *of == job);
+        Ok(pictures.map(|(_, picture)| picture.image).collect())
+    }
+
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
         let rows = self.rows();
         let nodes = rows.jobs.values().flat_map(|job| &job.nodes);
+        let nodes = nodes.filter(|(_, node)| node.live).map(|(_, node)| node.image());
         Ok(nodes
-            .filter(|(_, node)| node.live)
-            .map(|(_, node)| node.image())
+            .chain(rows.pictures.values().map(|picture| picture.image))
             .collect())
     }
 }

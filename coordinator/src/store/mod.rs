@@ -21,6 +21,7 @@ mod postgres_tls;
 mod sql;
 mod sql_bundles;
 mod sql_changes;
+mod sql_pictures;
 mod sqlite;
 #[cfg(test)]
 mod tests;
@@ -196,6 +197,17 @@ pub enum News {
     Forgotten,
 }
 
+/// The picture of a job that has ended, as a file in the store of nodes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PictureRecord {
+    /// Names what the picture shows.
+    pub etag: String,
+    /// The name of the file.
+    pub image: BlobName,
+    /// Its length.
+    pub bytes: u64,
+}
+
 /// A job that has ended, and the room that it takes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EndedJob {
@@ -205,7 +217,7 @@ pub struct EndedJob {
     pub ended_ms: Millis,
     /// The bundle that it names.
     pub scene: BlobHash,
-    /// Bytes of its images.
+    /// Bytes of its images and pictures.
     pub bytes: u64,
 }
 
@@ -297,7 +309,20 @@ pub trait StateStore: Send + Sync {
     async fn remove_token(&self, name: String) -> Result<bool, StoreError>;
     /// Lets go of the store, so that somebody else can open it; every later call fails.
     async fn close(&self);
-    /// Names of the images of all nodes that count, of all jobs.
+    /// The picture of a job in the format of this name.
+    async fn picture(&self, job: JobId, format: &'static str) -> Result<Option<PictureRecord>, StoreError>;
+    /// Keeps a picture of a job that ended at the time `ended_ms`, until it is deleted or goes on. Returns what nothing
+    /// names then: the picture that it replaces, or itself if the job did not end at that time.
+    async fn put_picture(
+        &self,
+        job: JobId,
+        ended_ms: Millis,
+        format: &'static str,
+        picture: PictureRecord,
+    ) -> Result<Option<BlobName>, StoreError>;
+    /// Names of the pictures of a job.
+    async fn pictures(&self, job: JobId) -> Result<Vec<BlobName>, StoreError>;
+    /// Names of the images of all nodes that count, and of the pictures, of all jobs.
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError>;
 
     /// Whether several coordinators may use the store at once.

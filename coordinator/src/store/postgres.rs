@@ -8,7 +8,8 @@ use super::postgres_tls::connector;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_bundles;
 use super::sql_changes::apply;
-use super::{Announced, Beat, Commit, EndedJob, News, Sequence, StateStore, StoreError};
+use super::sql_pictures;
+use super::{Announced, Beat, Commit, EndedJob, News, PictureRecord, Sequence, StateStore, StoreError};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -585,6 +586,32 @@ impl StateStore for PostgresStore {
 
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
         self.ask(move |queries| Box::pin(sql_bundles::bundled_size(queries, blob)))
+            .await
+    }
+
+    async fn picture(&self, job: JobId, format: &'static str) -> Result<Option<PictureRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_pictures::picture(queries, job, format)))
+            .await
+    }
+
+    async fn put_picture(
+        &self,
+        job: JobId,
+        ended_ms: Millis,
+        format: &'static str,
+        picture: PictureRecord,
+    ) -> Result<Option<BlobName>, StoreError> {
+        self.change(None, move |queries| {
+            Box::pin(async move {
+                let unnamed = sql_pictures::put_picture(queries, job, ended_ms, format, &picture).await?;
+                Ok((unnamed, true))
+            })
+        })
+        .await
+    }
+
+    async fn pictures(&self, job: JobId) -> Result<Vec<BlobName>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_pictures::pictures(queries, Some(job))))
             .await
     }
 

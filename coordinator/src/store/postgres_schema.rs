@@ -9,7 +9,7 @@ use photonfarm_proto::api::FarmIdentity;
 const SCHEMA: i64 = 0x5048_464d_0002;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4];
 
 const SCHEMA_1: &str = "
 CREATE TABLE farm (
@@ -60,6 +60,13 @@ UPDATE bundle SET named_ms = CAST(extract(epoch FROM clock_timestamp()) * 1000 A
 CREATE TABLE used (owner TEXT PRIMARY KEY, iterations BIGINT NOT NULL);
 ";
 
+/// Pictures of jobs that have ended.
+const SCHEMA_4: &str = "
+CREATE TABLE picture (
+    job BIGINT NOT NULL REFERENCES job, format TEXT NOT NULL, etag TEXT NOT NULL, name TEXT NOT NULL,
+    bytes BIGINT NOT NULL, PRIMARY KEY (job, format));
+";
+
 /// What a restored or copied database does not share with the one that it comes from: the cluster, its history (which forks
 /// when an older state, or another server, takes over), the database and its tables.
 const MARK: &str =
@@ -79,6 +86,7 @@ const COLUMNS: &[(&str, &str)] = &[
     ("owned_blob", "owner blob bytes"),
     ("token", "name record"),
     ("used", "owner iterations"),
+    ("picture", "job format etag name bytes"),
     (
         "job",
         "id spec owner key created_ms state failure ended_ms width height totals control share_ms scene",

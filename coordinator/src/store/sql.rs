@@ -2,6 +2,7 @@
 
 use super::sql_bundles::owned_bytes;
 use super::sql_changes::raise_counter;
+use super::sql_pictures::pictures;
 use super::{EndedJob, Sequence, StoreError, image_bytes};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{
@@ -121,7 +122,7 @@ impl Row {
         Ok(self.integer()? != 0)
     }
 
-    fn text(&mut self) -> Result<String, StoreError> {
+    pub(super) fn text(&mut self) -> Result<String, StoreError> {
         self.optional_text()?.ok_or_else(|| unexpected("text", &Value::Null))
     }
 
@@ -226,7 +227,8 @@ pub(super) async fn jobs(
 /// The jobs that have ended.
 pub(super) async fn ended_jobs(queries: &mut dyn Queries) -> Result<Vec<EndedJob>, StoreError> {
     let sql = "SELECT id, ended_ms, spec, width, height,
-        (SELECT count(*) FROM node WHERE node.job = job.id AND node.live = 1)
+        (SELECT count(*) FROM node WHERE node.job = job.id AND node.live = 1),
+        (SELECT CAST(coalesce(sum(bytes), 0) AS BIGINT) FROM picture WHERE picture.job = job.id)
         FROM job WHERE ended_ms IS NOT NULL";
     ask(queries, sql, []).await?.into_iter().map(read_ended_job).collect()
 }
@@ -239,7 +241,7 @@ fn read_ended_job(mut row: Row) -> Result<EndedJob, StoreError> {
         id,
         ended_ms,
         scene: spec.scene,
-        bytes: row.integer()? * image,
+        bytes: row.integer()? * image + row.integer()?,
     })
 }
 
@@ -287,11 +289,13 @@ pub(super) async fn remove_token(queries: &mut dyn Queries, name: String) -> Res
     Ok(queries.execute(statement).await? == 1)
 }
 
-/// Names of the images of all nodes that count, of all jobs.
+/// Names of the images of all nodes that count, and of the pictures, of all jobs.
 pub(super) async fn live_images(queries: &mut dyn Queries) -> Result<Vec<BlobName>, StoreError> {
     let found = ask(queries, "SELECT record FROM node WHERE live = 1", []).await?;
     let image = |mut row: Row| Ok(row.json::<NodeRecord>()?.image());
-    found.into_iter().map(image).collect()
+    let mut images: Vec<BlobName> = found.into_iter().map(image).collect::<Result<_, StoreError>>()?;
+    images.extend(pictures(queries, None).await?);
+    Ok(images)
 }
 
 /// Who the farm is. `mark` is something that a restored or copied database does not share with the one that it comes

@@ -42,7 +42,7 @@ fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
             "UPDATE job SET control = ?2 WHERE id = ?1",
             [integer(job.0)?, json(control)?],
         )],
-        Change::JobReopened { record, ended_ms } => vec![reopen(record, *ended_ms)?],
+        Change::JobReopened { record, ended_ms } => vec![forget_pictures(record.head.id)?, reopen(record, *ended_ms)?],
         Change::JobDeleted {
             job,
             ended_ms,
@@ -140,6 +140,10 @@ fn renew(renewal: &Renewal) -> Result<Statement, StoreError> {
     ))
 }
 
+fn forget_pictures(job: JobId) -> Result<Statement, StoreError> {
+    Ok(Statement::new("DELETE FROM picture WHERE job = ?1", [integer(job.0)?]))
+}
+
 /// A job that had ended goes on; what it consists of is in its rows already.
 fn reopen(record: &JobRecord, ended_ms: Millis) -> Result<Statement, StoreError> {
     let sql =
@@ -166,7 +170,8 @@ fn delete(job: JobId, ended_ms: Millis, owner: &str, iterations: u32) -> Result<
         "DELETE FROM node WHERE job = ?1",
     ];
     let id = integer(job.0)?;
-    let mut statements = vec![Statement::new(used, [Value::Text(owner.into()), small(iterations)])];
+    let used = Statement::new(used, [Value::Text(owner.into()), small(iterations)]);
+    let mut statements = vec![used, forget_pictures(job)?];
     statements.extend(rows.map(|sql| Statement::new(sql, [id.clone()])));
     let sql = "DELETE FROM job WHERE id = ?1 AND ended_ms = ?2";
     statements.push(Statement {

@@ -8,7 +8,8 @@ use super::backup::Named;
 use super::sql::{self, Answer, Queries, Row, Statement, Value};
 use super::sql_bundles;
 use super::sql_changes::apply;
-use super::{Announced, Commit, EndedJob, Sequence, StateStore, StoreError, check_file, not_writable};
+use super::sql_pictures;
+use super::{Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, check_file, not_writable};
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -29,7 +30,7 @@ use std::time::Duration;
 const APPLICATION_ID: i32 = 0x5048_464d;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6, SCHEMA_7];
 
 pub(super) const SCHEMA_1: &str = "
 CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
@@ -116,6 +117,13 @@ CREATE INDEX job_of_scene ON job (scene);
 ALTER TABLE bundle ADD COLUMN named_ms INTEGER NOT NULL DEFAULT 0;
 UPDATE bundle SET named_ms = CAST(unixepoch('subsec') * 1000 AS INTEGER);
 CREATE TABLE used (owner TEXT PRIMARY KEY, iterations INTEGER NOT NULL) STRICT, WITHOUT ROWID;
+";
+
+/// Pictures of jobs that have ended.
+const SCHEMA_7: &str = "
+CREATE TABLE picture (
+    job INTEGER NOT NULL REFERENCES job, format TEXT NOT NULL, etag TEXT NOT NULL, name TEXT NOT NULL,
+    bytes INTEGER NOT NULL, PRIMARY KEY (job, format)) STRICT, WITHOUT ROWID;
 ";
 
 /// Longest wait for others that have the database open, such as a backup that ends.
@@ -484,6 +492,32 @@ impl StateStore for SqliteStore {
 
     async fn bundled_size(&self, blob: BlobHash) -> Result<Option<u64>, StoreError> {
         self.ask(move |queries| Box::pin(sql_bundles::bundled_size(queries, blob)))
+            .await
+    }
+
+    async fn picture(&self, job: JobId, format: &'static str) -> Result<Option<PictureRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_pictures::picture(queries, job, format)))
+            .await
+    }
+
+    async fn put_picture(
+        &self,
+        job: JobId,
+        ended_ms: Millis,
+        format: &'static str,
+        picture: PictureRecord,
+    ) -> Result<Option<BlobName>, StoreError> {
+        self.change(move |queries| {
+            Box::pin(async move {
+                let unnamed = sql_pictures::put_picture(queries, job, ended_ms, format, &picture).await?;
+                Ok((unnamed, true))
+            })
+        })
+        .await
+    }
+
+    async fn pictures(&self, job: JobId) -> Result<Vec<BlobName>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_pictures::pictures(queries, Some(job))))
             .await
     }
 

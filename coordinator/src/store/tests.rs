@@ -523,6 +523,59 @@ async fn bundles_are_forgotten_that_no_job_and_lately_no_client_names() {
 }
 
 #[tokio::test]
+async fn pictures_are_kept_until_their_job_goes_on_or_is_deleted() {
+    let folder = tempfile::tempdir().unwrap();
+    for store in stores(folder.path()).await {
+        let commit = async |changes: Vec<Change>| {
+            let (sequence, _) = store.load().await.unwrap();
+            store.commit(sequence, changes).await.unwrap();
+        };
+        let picture = |copy: u64| PictureRecord {
+            etag: format!("{copy}"),
+            image: BlobName {
+                hash: BlobHash::of(b"picture"),
+                copy,
+            },
+            bytes: 7,
+        };
+        let put = async |ended_ms, format, copy| {
+            let put = store.put_picture(JobId(4), ended_ms, format, picture(copy));
+            put.await.unwrap().map(|name| name.copy)
+        };
+        let ended_ms = 1_700_000_000_010;
+        assert_eq!(put(ended_ms, "exr", 1).await, Some(1), "there is no such job");
+        commit(short_life()).await;
+        let bytes = store.ended_jobs().await.unwrap()[0].bytes;
+        assert_eq!(put(1, "exr", 2).await, Some(2), "it ended at another time");
+        assert_eq!(put(ended_ms, "exr", 3).await, None);
+        assert_eq!(put(ended_ms, "png", 4).await, None);
+        assert_eq!(put(ended_ms, "exr", u64::MAX).await, Some(3));
+        assert_eq!(store.picture(JobId(4), "exr").await.unwrap(), Some(picture(u64::MAX)));
+        assert_eq!(store.pictures(JobId(4)).await.unwrap().len(), 2);
+        assert_eq!(store.live_images().await.unwrap().len(), 3, "a node and two pictures");
+        assert_eq!(store.ended_jobs().await.unwrap()[0].bytes, bytes + 14);
+
+        let record = Box::new(JobRecord {
+            state: JobState::Running,
+            ended_ms: None,
+            ..store.job(JobId(4)).await.unwrap().unwrap()
+        });
+        commit(vec![Change::JobReopened { record, ended_ms }]).await;
+        assert_eq!(store.pictures(JobId(4)).await.unwrap(), []);
+        commit(short_life().split_off(3)).await;
+        assert_eq!(put(ended_ms, "exr", 5).await, None);
+        commit(vec![Change::JobDeleted {
+            job: JobId(4),
+            ended_ms,
+            owner: "ann".into(),
+            iterations: 9,
+        }])
+        .await;
+        assert_eq!(store.live_images().await.unwrap(), []);
+    }
+}
+
+#[tokio::test]
 async fn what_comes_too_late_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     for kept in [

@@ -71,6 +71,20 @@ async fn images_come_at_any_time_and_are_named_by_their_tag() {
             .unwrap();
         assert_eq!(other.status(), StatusCode::OK);
     }
+    let cancel = farm.request(Method::POST, &format!("jobs/{job}/cancel")).send();
+    assert_eq!(cancel.await.unwrap().status(), StatusCode::OK);
+    for name in ["image.exr", "image.png"] {
+        let mut answers = Vec::new();
+        for _ in 0..2 {
+            let reply = farm.get(&format!("jobs/{job}/{name}")).await;
+            let length = reply.content_length().unwrap();
+            let tag = reply.headers()["etag"].clone();
+            let bytes = reply.bytes().await.unwrap();
+            assert_eq!(bytes.len() as u64, length);
+            answers.push((tag, bytes));
+        }
+        assert!(answers[0] == answers[1], "{name}: made, then kept");
+    }
 }
 
 #[tokio::test]

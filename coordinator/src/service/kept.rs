@@ -1,0 +1,96 @@
+//! Pictures of jobs that have ended: each is made once, and kept beside the images of nodes until the job is deleted or
+//! goes on.
+
+use super::image::ImageFormat;
+use super::{Service, ServiceError, garbage};
+use crate::scheduler::Job;
+use crate::scheduler::record::{BlobName, Millis};
+use crate::store::{self, BlobReader, PictureRecord, StoreError};
+use photonfarm_proto::id::JobId;
+use std::sync::Arc;
+use tokio::io::AsyncReadExt;
+
+/// Bytes that are held against a hash at a time.
+const PIECE: usize = 1 << 18;
+
+impl Service {
+    /// The picture of a job that has ended with its length, if it was kept, is the one that the tag names, and is whole.
+    pub(super) async fn kept_picture(
+        &self,
+        job: &Job,
+        format: ImageFormat,
+        etag: &str,
+    ) -> Result<Option<(u64, BlobReader)>, ServiceError> {
+        if job.ended_ms().is_none() {
+            return Ok(None);
+        }
+        let kept = self.stores.state.picture(job.id(), format.name()).await?;
+        let Some(PictureRecord { image, .. }) = kept.filter(|kept| kept.etag == etag) else {
+            return Ok(None);
+        };
+        let opened = match self.is_whole(image).await {
+            Ok(true) => self.stores.nodes.open(image).await,
+            Ok(false) => Err(StoreError::Damaged(format!("{image} has another hash"))),
+            Err(error) => Err(error),
+        };
+        match opened {
+            Ok(opened) => Ok(Some(opened)),
+            Err(error @ (StoreError::NoBlob(_) | StoreError::Damaged(_))) => {
+                tracing::warn!(job = %job.id(), %error, "a picture that was kept cannot be used: it is made anew");
+                Ok(None)
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    async fn is_whole(&self, image: BlobName) -> Result<bool, StoreError> {
+        let (_, mut reader) = self.stores.nodes.open(image).await?;
+        let (mut hasher, mut piece) = (blake3::Hasher::new(), vec![0; PIECE]);
+        loop {
+            let read = reader.read(&mut piece).await.map_err(|source| StoreError::Io {
+                path: image.to_string().into(),
+                source,
+            })?;
+            if read == 0 {
+                return Ok(image.hash == hasher.finalize().into());
+            }
+            hasher.update(&piece[..read]);
+        }
+    }
+
+    /// Keeps a picture of a job that ended at the time `ended_ms`. Where that fails, it is made anew the next time.
+    pub(super) async fn keep_picture(
+        self: &Arc<Self>,
+        (job, ended_ms): (JobId, Millis),
+        format: ImageFormat,
+        etag: &str,
+        bytes: &[u8],
+    ) {
+        if let Err(error) = self.try_keep((job, ended_ms), format, etag, bytes).await {
+            tracing::warn!(%job, %error, "the picture could not be kept: it is made anew when it is asked for again");
+        }
+    }
+
+    async fn try_keep(
+        self: &Arc<Self>,
+        (job, ended_ms): (JobId, Millis),
+        format: ImageFormat,
+        etag: &str,
+        bytes: &[u8],
+    ) -> Result<(), ServiceError> {
+        let publication = self.publication().await;
+        let image = store::put(&*self.stores.nodes, bytes, store::new_copy()?).await?;
+        if self.clock.now() > publication.last {
+            return Err(garbage::too_late());
+        }
+        let picture = PictureRecord {
+            etag: etag.to_owned(),
+            image,
+            bytes: bytes.len() as u64,
+        };
+        let state = &self.stores.state;
+        let unnamed = state.put_picture(job, ended_ms, format.name(), picture).await?;
+        self.collect(unnamed.into_iter().collect());
+        Ok(())
+    }
+}
