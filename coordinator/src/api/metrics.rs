@@ -1,7 +1,7 @@
 //! Figures of the farm in the text format of Prometheus, for dashboards and for scaling the number of workers.
 
-use super::{ApiError, App};
-use crate::service::Part;
+use super::App;
+use crate::service::{Part, ServiceError};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
@@ -9,23 +9,30 @@ use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::waiting::Waiting;
 use std::fmt::Write;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 /// The media type of the format.
 const MEDIA_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// The farm in figures.
-pub(super) async fn metrics(State(service): State<App>) -> Result<impl IntoResponse, ApiError> {
+/// How long the state may take to be counted: half of what Prometheus waits for figures, unless it is told otherwise.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// The farm in figures. While the state is away those of jobs and workers are missing, and the others tell why.
+pub(super) async fn metrics(State(service): State<App>) -> impl IntoResponse {
+    let state = tokio::time::timeout(PATIENCE, figures_of_state(&service)).await;
+    let mut text = state.ok().and_then(Result::ok).unwrap_or_default();
+    figures_of_stores(&mut text, &service);
+    figures_since_start(&mut text, &service);
+    ([(header::CONTENT_TYPE, MEDIA_TYPE)], text)
+}
+
+/// Jobs and workers.
+async fn figures_of_state(service: &App) -> Result<String, ServiceError> {
     let jobs = service.live_statuses().await?;
     let workers = service.workers().await?;
     let target_s = service.lease_target_s().await?;
     let mut text = String::new();
-    let mut gauge = |name: &str, help: &str, value: u64| {
-        // Writing to a string does not fail.
-        let _ = write!(
-            text,
-            "# HELP photonfarm_{name} {help}\n# TYPE photonfarm_{name} gauge\nphotonfarm_{name} {value}\n"
-        );
-    };
+    let mut gauge = |name: &str, help: &str, value: u64| single(&mut text, (name, "gauge"), help, value);
     let going_on = || jobs.iter().filter(|job| !job.spec.schedule.paused);
     let count = |state: JobState| jobs.iter().filter(|job| job.state == state).count() as u64;
     gauge(
@@ -56,55 +63,68 @@ pub(super) async fn metrics(State(service): State<App>) -> Result<impl IntoRespo
     );
     let waits = |reason: Waiting| jobs.iter().filter(|job| job.waiting_reason == Some(reason)).count();
     let waiting = Waiting::ALL.map(|reason| (format!("reason=\"{reason}\""), waits(reason) as u64));
-    let name = "jobs_waiting";
-    family(
-        &mut text,
-        name,
-        "gauge",
-        "Jobs that nobody is at work on, by the reason.",
-        &waiting,
-    );
+    let help = "Jobs that nobody is at work on, by the reason.";
+    family(&mut text, ("jobs_waiting", "gauge"), help, &waiting);
+    Ok(text)
+}
+
+/// What became of the uses of the stores.
+fn figures_of_stores(text: &mut String, service: &App) {
     let failing: Vec<Part> = service.found_obstacles().into_iter().map(|(part, _)| part).collect();
     let stores = Part::ALL.map(|part| (format!("part=\"{}\"", part.name()), failing.contains(&part).into()));
-    family(
-        &mut text,
-        "store_failing",
-        "gauge",
-        "Whether a part of the stores fails now.",
-        &stores,
-    );
+    let help = "Whether a part of the stores fails now.";
+    family(text, ("store_failing", "gauge"), help, &stores);
     let failures = Part::ALL.map(|part| {
         let [full, away] = service.failures(part);
         let label = |reason: Waiting| format!("part=\"{}\",reason=\"{reason}\"", part.name());
         [(label(Waiting::DiskFull), full), (label(Waiting::StoreAway), away)]
     });
     let help = "Failures of the stores since the start.";
-    family(
-        &mut text,
-        "store_failures_total",
-        "counter",
-        help,
-        failures.as_flattened(),
+    let failures = failures.as_flattened();
+    family(text, ("store_failures_total", "counter"), help, failures);
+}
+
+/// What this coordinator has counted since its start.
+fn figures_since_start(text: &mut String, service: &App) {
+    let mut counter = |name: &str, help: &str, value: u64| single(text, (name, "counter"), help, value);
+    counter(
+        "workers_registered_total",
+        "Workers that were registered: a worker that lost its place counts again.",
+        service.counts.workers_registered(),
     );
-    let refused = service.refused_connections.load(Ordering::Relaxed);
-    let _ = write!(
-        text,
-        "# HELP photonfarm_connections_refused_total Connections closed at once, since their address had too many.\n\
-         # TYPE photonfarm_connections_refused_total counter\nphotonfarm_connections_refused_total {refused}\n"
+    counter(
+        "leases_granted_total",
+        "Leases that were granted.",
+        service.counts.leases_granted(),
     );
-    Ok(([(header::CONTENT_TYPE, MEDIA_TYPE)], text))
+    counter(
+        "connections_refused_total",
+        "Connections closed at once, since their address had too many.",
+        service.refused_connections.load(Ordering::Relaxed),
+    );
+    let failed = service.counts.failed_attempts();
+    let failed = failed.map(|(kind, count)| (format!("kind=\"{kind}\""), count));
+    let help = "Attempts at iterations that failed; those of the kind `lost` are leases that expired.";
+    family(text, ("failed_attempts_total", "counter"), help, &failed);
+}
+
+/// A figure of its own, by its name and its kind.
+fn single(text: &mut String, (name, kind): (&str, &str), help: &str, value: u64) {
+    head(text, (name, kind), help);
+    let _ = writeln!(text, "photonfarm_{name} {value}");
 }
 
 /// Figures of one name that differ by their labels.
-fn family(text: &mut String, name: &str, kind: &str, help: &str, figures: &[(String, u64)]) {
-    // Writing to a string does not fail.
-    let _ = write!(
-        text,
-        "# HELP photonfarm_{name} {help}\n# TYPE photonfarm_{name} {kind}\n"
-    );
+fn family(text: &mut String, (name, kind): (&str, &str), help: &str, figures: &[(String, u64)]) {
+    head(text, (name, kind), help);
     for (labels, value) in figures {
         let _ = writeln!(text, "photonfarm_{name}{{{labels}}} {value}");
     }
+}
+
+// Writing to a string does not fail.
+fn head(text: &mut String, (name, kind): (&str, &str), help: &str) {
+    let _ = writeln!(text, "# HELP photonfarm_{name} {help}\n# TYPE photonfarm_{name} {kind}");
 }
 
 fn pending_iterations(job: &JobStatus) -> u64 {

@@ -48,6 +48,10 @@ impl ServiceError {
     pub fn into_problem(self) -> Problem {
         let text = self.to_string();
         let full = matches!(&self, Self::Store(error) if error.is_full());
+        let away = match &self {
+            Self::Store(error) => away(error),
+            _ => None,
+        };
         match self {
             Self::Problem(problem) => problem,
             Self::Refusal(refusal) => refusal_problem(&refusal),
@@ -68,9 +72,28 @@ impl ServiceError {
                     let detail = "the coordinator's disk is full: it needs room where its data are; nothing is lost";
                     return Problem::new(ErrorCode::Internal, detail);
                 }
+                if let Some(store) = away {
+                    let detail =
+                        format!("{store} of the farm does not answer; nothing is lost, and the farm goes on with it");
+                    return Problem::new(ErrorCode::Unavailable, detail);
+                }
                 Problem::new(ErrorCode::Internal, "the coordinator could not do it; its log says why")
             }
         }
+    }
+}
+
+/// Which store on another machine does not answer, if that is what failed.
+fn away(error: &StoreError) -> Option<&'static str> {
+    match error {
+        StoreError::Connection(_) => Some("the database"),
+        // Without a code of the server the connection failed; those of class 57 say that it goes away or comes back.
+        StoreError::Postgres(error) => error
+            .code()
+            .is_none_or(|code| code.code().starts_with("57"))
+            .then_some("the database"),
+        StoreError::Object(object_store::Error::Generic { .. }) => Some("the object store"),
+        _ => None,
     }
 }
 
@@ -93,7 +116,7 @@ fn refusal_problem(refusal: &Refusal) -> Problem {
         Refusal::JobEnded(_) => ErrorCode::JobEnded,
         Refusal::JobGoesOn(_) => ErrorCode::JobGoesOn,
         Refusal::Invalid(_) => ErrorCode::Invalid,
-        Refusal::Conflict { .. } => ErrorCode::ResultConflict,
+        Refusal::Conflict { .. } | Refusal::Disagreement(_) => ErrorCode::ResultConflict,
     };
     Problem::new(code, refusal.to_string())
 }
@@ -118,5 +141,13 @@ mod tests {
             assert!(!problem.detail.contains("secret"), "{problem:?}");
         }
         assert!(!full(ErrorKind::PermissionDenied.into()).detail.contains("full"));
+    }
+
+    #[test]
+    fn a_store_that_does_not_answer_is_named() {
+        let silent = ServiceError::Store(StoreError::Connection("10.0.0.7: no answer".into())).into_problem();
+        assert_eq!(silent.code, ErrorCode::Unavailable);
+        assert!(silent.retryable && silent.detail.starts_with("the database of the farm does not answer"));
+        assert!(!silent.detail.contains("10.0.0.7"), "{silent:?}");
     }
 }

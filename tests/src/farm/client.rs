@@ -2,9 +2,10 @@
 
 use super::job::{Job, Reference};
 use crate::processes::{Launch, http, wait_for};
-use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobPage, WorkerList};
+use photonfarm_proto::api::{Health, IDEMPOTENCY_KEY, JobPage, WorkerList};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
+use photonfarm_proto::problem::Problem;
 use reqwest::Method;
 use serde::de::DeserializeOwned;
 
@@ -127,6 +128,27 @@ impl Client {
     #[must_use]
     pub fn workers(&self) -> Option<WorkerList> {
         self.get("workers")
+    }
+
+    /// A figure of `/metrics`, by its name without prefix and its labels; nothing where the farm is away or has none.
+    #[must_use]
+    pub fn figure(&self, series: &str) -> Option<u64> {
+        let bearer = self.token.as_ref().map(|token| format!("Bearer {token}"));
+        let headers: Vec<_> = bearer.iter().map(|bearer| ("authorization", bearer.as_str())).collect();
+        let (_, text) = http(Method::GET, &format!("{}/metrics", self.url), Vec::new(), &headers)?;
+        let prefix = format!("photonfarm_{series} ");
+        let line = String::from_utf8(text).ok()?;
+        line.lines().find_map(|line| line.strip_prefix(&prefix))?.parse().ok()
+    }
+
+    /// How the coordinator is, or the problem that it has.
+    #[must_use]
+    pub fn health(&self) -> Option<Result<Health, Problem>> {
+        let (status, body) = self.send(Method::GET, "healthz", &[], Vec::new())?;
+        match status {
+            200 => Some(Ok(serde_json::from_slice(&body).ok()?)),
+            _ => Some(Err(serde_json::from_slice(&body).ok()?)),
+        }
     }
 
     /// The picture of a job as it stands.

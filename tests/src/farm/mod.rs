@@ -20,7 +20,7 @@ pub use member::{Server, Worker};
 pub use network::{Host, Network};
 pub use random::Random;
 
-use crate::processes::Launch;
+use crate::processes::{Launch, wait_for};
 use photonfarm_proto::id::JobId;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -142,6 +142,30 @@ impl Farm {
     /// A job was submitted whose picture will be the reference.
     pub fn expect(&mut self, id: JobId, reference: &Arc<Reference>) {
         self.jobs.push((id, reference.clone()));
+    }
+
+    /// A figure of `/metrics`, summed up over all coordinators, none of which may be away.
+    ///
+    /// # Panics
+    /// Where one does not tell it.
+    #[must_use]
+    pub fn figure(&self, series: &str) -> u64 {
+        let of = |server: &Server| {
+            let client = Client::new(server.url()).with_token(self.client.token());
+            wait_for(series, || client.figure(series))
+        };
+        self.servers.iter().map(of).sum()
+    }
+
+    /// Attempts at iterations that failed, of whatever kind.
+    ///
+    /// # Panics
+    /// Where a coordinator does not tell.
+    #[must_use]
+    pub fn failed_attempts(&self) -> u64 {
+        let kinds = ["scene", "render", "panic", "lost"];
+        let of = |kind| self.figure(&format!("failed_attempts_total{{kind=\"{kind}\"}}"));
+        kinds.into_iter().map(of).sum()
     }
 
     /// Waits for all jobs, and proves that nothing was lost, nothing counted twice and nothing left behind; ends

@@ -73,6 +73,28 @@ impl Network {
         host.filter(host, self.centre.address, from_centre);
     }
 
+    /// How many packets between a host and the centre were dropped since the last fault began.
+    ///
+    /// # Panics
+    /// Where nftables refuses.
+    #[must_use]
+    pub fn dropped(&self, host: &Host) -> u64 {
+        let list = format!("list table {}", host.table());
+        let rules = [&self.centre, host]
+            .map(|at| at.feed("nft", &["-f", "-"], &list))
+            .concat();
+        let counted = rules.lines().filter_map(|rule| {
+            let (count, _) = rule
+                .trim()
+                .strip_suffix("drop")?
+                .split_once("counter packets ")?
+                .1
+                .split_once(' ')?;
+            count.parse::<u64>().ok()
+        });
+        counted.sum()
+    }
+
     /// Nothing passes between a host and the centre.
     ///
     /// # Panics
@@ -149,6 +171,11 @@ impl Host {
         format!("to-{}", self.address.octets()[3])
     }
 
+    /// Name of the table with the faults of that link.
+    fn table(&self) -> String {
+        format!("inet {}", self.link())
+    }
+
     /// Starts programs on this host.
     #[must_use]
     pub fn launch(&self) -> Launch {
@@ -176,23 +203,24 @@ impl Host {
 
     /// Filters what arrives here from an address, with a table for the link of `host`.
     fn filter(&self, host: &Host, from: Ipv4Addr, verdict: &str) {
-        let table = format!("inet {}", host.link());
+        let table = host.table();
         let chain = "type filter hook input priority 0; policy accept;";
         let rules = format!(
             "add table {table}\ndelete table {table}\n\
-             table {table} {{ chain input {{ {chain} ip saddr {from} {verdict}; }}; }}\n"
+             table {table} {{ chain input {{ {chain} ip saddr {from} counter {verdict}; }}; }}\n"
         );
-        self.feed("nft", &["-f", "-"], &rules);
+        let _nothing = self.feed("nft", &["-f", "-"], &rules);
     }
 
     fn run(&self, program: &str, arguments: &[&str]) {
-        self.feed(program, arguments, "");
+        let _said = self.feed(program, arguments, "");
     }
 
-    fn feed(&self, program: &str, arguments: &[&str], input: &str) {
+    fn feed(&self, program: &str, arguments: &[&str], input: &str) -> String {
         let mut child = self.inside(|| {
             let mut command = Command::new(program);
-            command.args(arguments).stdin(Stdio::piped()).stderr(Stdio::piped());
+            command.args(arguments).stdin(Stdio::piped());
+            command.stdout(Stdio::piped()).stderr(Stdio::piped());
             command.spawn().unwrap_or_else(|error| {
                 panic!("{program} cannot be run: {error} (apt-get install iproute2 nftables; tests/run does so)")
             })
@@ -206,5 +234,6 @@ impl Host {
             output.status.success(),
             "{program} {arguments:?} with {input:?}: {errors}"
         );
+        String::from_utf8_lossy(&output.stdout).into_owned()
     }
 }

