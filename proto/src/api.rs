@@ -11,6 +11,10 @@ use utoipa::ToSchema;
 /// Header that makes the creation of a job repeatable: the same key and the same request give the same job.
 pub const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
+/// Header of every answer: digits of the farm that gives it ([`FarmIdentity::farm`]), so that whoever asked for something there
+/// notices when another farm answers.
+pub const FARM: &str = "photonfarm-farm";
+
 /// Name of the server-sent event that carries a [`JobStatus`] while the job goes on.
 pub const EVENT_STATUS: &str = "status";
 

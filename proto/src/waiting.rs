@@ -14,6 +14,8 @@ pub enum Waiting {
     DiskFull,
     /// A store that the coordinator needs fails or does not answer.
     StoreAway,
+    /// A file of the job's scene is missing on the farm, or was damaged: it has to be sent again.
+    Scene,
     /// No worker is connected.
     NoWorker,
     /// No connected worker has the tags that the job asks for.
@@ -36,10 +38,11 @@ pub enum Waiting {
 
 impl Waiting {
     /// All of them.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Paused,
         Self::DiskFull,
         Self::StoreAway,
+        Self::Scene,
         Self::NoWorker,
         Self::Tags,
         Self::Renderer,

@@ -1,8 +1,9 @@
 //! How programs end, and how work goes on after them: readers that leave early, waiting that is interrupted, farms that are
 //! told to stop all at once, coordinators that come late.
 
+use photonfarm_proto::api::Health;
 use photonfarm_proto::job::JobState;
-use photonfarm_tests::processes::{Coordinator, Launch, Process, jobs, photonfarm, scene, serve, wait_for};
+use photonfarm_tests::processes::{Coordinator, Launch, Process, get, jobs, photonfarm, scene, serve, wait_for};
 use photonfarm_tests::proxy::refuse_bodies_beyond;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -150,9 +151,11 @@ fn waiting_goes_on_after_an_interruption_and_a_named_submission_is_made_once() {
     ]
     .concat();
     let process = Process::start("photonfarm", &waiting);
+    let health: Health = get(&format!("{}/v1/healthz", coordinator.url)).unwrap();
     let again = format!(
-        "photonfarm wait 1 --coordinator {} -o {}",
+        "photonfarm wait 1 --coordinator {} --farm {} -o {}",
         coordinator.url,
+        health.farm.farm,
         picture.display()
     );
     process.wait_for_error("0/3 iterations");
@@ -164,6 +167,10 @@ fn waiting_goes_on_after_an_interruption_and_a_named_submission_is_made_once() {
     let _worker = coordinator.worker();
     let words: Vec<&str> = again.split(' ').skip(1).collect();
     printed(&photonfarm(&words));
+    let stranger = on_farm(&coordinator, &["wait", "1", "--farm", "0123", "-o", text(&picture)]);
+    let errors = String::from_utf8_lossy(&stranger.stderr);
+    assert_eq!(stranger.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("another farm answers there"), "{errors}");
     let alone = folder.path().join("alone.exr");
     let render = [
         ["render", text(&scene), "-o", text(&alone), "--iterations", "3"].as_slice(),

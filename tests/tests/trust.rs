@@ -1,8 +1,10 @@
 //! A farm that asks for tokens and encrypts its connections, by its real programs.
 
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::token::Role;
 use photonfarm_test_servers::Postgres;
-use photonfarm_tests::processes::{Launch, Process, photonfarm, scene, serve};
+use photonfarm_tests::farm::Client;
+use photonfarm_tests::processes::{Launch, Process, photonfarm, scene, serve, wait_for};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -18,10 +20,16 @@ struct Ground {
 impl Ground {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
+        let ground = Self { folder };
+        ground.certify();
+        ground
+    }
+
+    /// Makes a certificate that takes the place of the one before.
+    fn certify(&self) {
         let made = rcgen::generate_simple_self_signed(["127.0.0.1".to_owned()]).unwrap();
-        std::fs::write(folder.path().join("farm.pem"), made.cert.pem()).unwrap();
-        std::fs::write(folder.path().join("farm.key"), made.signing_key.serialize_pem()).unwrap();
-        Self { folder }
+        std::fs::write(self.path("farm.pem"), made.cert.pem()).unwrap();
+        std::fs::write(self.path("farm.key"), made.signing_key.serialize_pem()).unwrap();
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -147,6 +155,34 @@ fn a_farm_without_tokens_does_not_listen_for_other_machines() {
 }
 
 #[test]
+fn a_signal_has_the_certificate_read_again_and_one_that_cannot_be_used_changes_nothing() {
+    let ground = Ground::new();
+    let (data, certificate, key) = (ground.name("farm"), ground.name("farm.pem"), ground.name("farm.key"));
+    let more = ["--tls-cert", &certificate, "--tls-key", &key];
+    let (coordinator, url) = serve(Path::new(&data), "127.0.0.1:0", &more);
+    let trusts = |authority: &str| {
+        let output = photonfarm(&["jobs", "--coordinator", &url, "--ca", &ground.name(authority)]);
+        output.status.success()
+    };
+    std::fs::copy(&certificate, ground.path("old.pem")).unwrap();
+    assert!(trusts("old.pem"));
+
+    std::fs::write(&certificate, "nonsense").unwrap();
+    coordinator.signal("HUP");
+    coordinator.wait_for_error(&certificate);
+    assert!(trusts("old.pem"), "nonsense took the place of a certificate");
+
+    ground.certify();
+    assert!(!trusts("farm.pem"), "files are read without a signal");
+    coordinator.signal("HUP");
+    wait_for("the new certificate", || trusts("farm.pem").then_some(()));
+    assert!(!trusts("old.pem"));
+    coordinator.signal("TERM");
+    let (status, _, errors) = coordinator.finish();
+    assert!(status.success(), "{errors}");
+}
+
+#[test]
 fn a_certificate_is_needed_whole() {
     let ground = Ground::new();
     let (data, certificate) = (ground.name("farm"), ground.name("farm.pem"));
@@ -204,4 +240,29 @@ fn connections_to_postgres_are_encrypted_where_the_url_asks_for_it_and_only_to_w
     let made = make("ann", "require", "farm.pem");
     assert!(made.status.success(), "{}", text(&made.stderr));
     refused(&make("ann", "require", "farm.pem"), &["ann"]);
+}
+
+/// Two requests at once and one a second: more than a scene of several files takes.
+#[test]
+fn a_worker_that_may_not_ask_so_often_waits_and_keeps_its_lease() {
+    let ground = Ground::new();
+    let data = ground.name("farm");
+    let boss = ground.token("boss", Role::Admin, &["--data", &data]);
+    ground.token("rack", Role::Worker, &["--data", &data]);
+    let (_coordinator, url) = serve(Path::new(&data), "127.0.0.1:0", &["--rate", "1"]);
+    let (scene, boss_file, rack_file) = (
+        scene("environment.xml"),
+        ground.name("boss.token"),
+        ground.name("rack.token"),
+    );
+    let what = ["submit", scene.to_str().unwrap(), "-D", "res=8", "--iterations", "1"];
+    let output = photonfarm(&[&what[..], &["--coordinator", &url, "--token-file", &boss_file]].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let cache = ground.name("cache");
+    let farm = ["--coordinator", &url, "--token-file", &rack_file, "--cache", &cache];
+    let _worker = Process::start("photonfarm-worker", &[&farm[..], &["--threads", "1"]].concat());
+    let client = Client::new(&url).with_token(Some(&boss));
+    client.when_done(JobId(1), 1);
+    let leases = wait_for("a figure", || client.figure("leases_granted_total"));
+    assert_eq!(leases, 1, "leases went back");
 }

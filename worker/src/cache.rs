@@ -1,10 +1,11 @@
 //! Files of scenes on this machine, by hash: written aside and renamed, verified when read, bounded in size.
 
-use crate::client::{Client, ClientError};
+use crate::client::{Client, ClientError, retry};
 use crate::transfer::{self, SILENCE};
 use futures_util::StreamExt;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::BlobHash;
+use reqwest::StatusCode;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, Write};
@@ -14,6 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 use tempfile::NamedTempFile;
 use thiserror::Error;
+use tokio_util::sync::CancellationToken;
 
 /// How the names of files begin that are being written.
 const PART: &str = ".part-";
@@ -35,6 +37,17 @@ pub(crate) enum CacheError {
         /// Hash received.
         found: BlobHash,
     },
+}
+
+impl CacheError {
+    /// Whether the file may be damaged or missing where it comes from.
+    fn is_suspicious(&self) -> bool {
+        match self {
+            Self::WrongBytes { .. } => true,
+            Self::Client(ClientError::Store(status)) => *status == StatusCode::NOT_FOUND,
+            Self::Client(_) | Self::Io(_) => false,
+        }
+    }
 }
 
 /// A folder of files by hash. Several workers may share it.
@@ -90,14 +103,19 @@ impl Cache {
         Ok(hash)
     }
 
-    /// Fetches what is missing of a bundle, then makes room.
-    pub(crate) async fn fetch(&self, client: &Client, manifest: BundleManifest) -> Result<BundleFiles, CacheError> {
+    /// Fetches what is missing of a bundle, then makes room. Waits where the coordinator asks for patience, until `stop`.
+    pub(crate) async fn fetch(
+        &self,
+        client: &Client,
+        manifest: BundleManifest,
+        stop: &CancellationToken,
+    ) -> Result<BundleFiles, CacheError> {
         let mut wanted = BTreeSet::new();
         for (hash, bytes) in manifest.blobs() {
             wanted.insert(hash);
             match File::open(self.path(hash)) {
                 Ok(file) => _ = file.set_modified(SystemTime::now()),
-                Err(_) => self.fetch_blob(client, hash, bytes).await?,
+                Err(_) => self.fetch_blob(client, (hash, bytes), stop).await?,
             }
         }
         self.make_room(&wanted)?;
@@ -108,9 +126,39 @@ impl Cache {
         })
     }
 
-    async fn fetch_blob(&self, client: &Client, hash: BlobHash, bytes: u64) -> Result<(), CacheError> {
+    /// Fetches a file; where it is missing or has another hash, once more after the coordinator has looked at its own.
+    async fn fetch_blob(
+        &self,
+        client: &Client,
+        file: (BlobHash, u64),
+        stop: &CancellationToken,
+    ) -> Result<(), CacheError> {
+        match self.fetch_once(client, file, false, stop).await {
+            Err(error) if error.is_suspicious() => {
+                tracing::warn!(hash = %file.0, "{error}; the coordinator is asked to check it");
+                self.fetch_once(client, file, true, stop).await
+            }
+            other => other,
+        }
+    }
+
+    async fn fetch_once(
+        &self,
+        client: &Client,
+        (hash, bytes): (BlobHash, u64),
+        suspect: bool,
+        stop: &CancellationToken,
+    ) -> Result<(), CacheError> {
         tracing::debug!(%hash, bytes, "fetching a file");
-        let mut stream = std::pin::pin!(transfer::pieces(client.blob(hash).await?, SILENCE));
+        // What the coordinator refuses for now it gives later; where something else fails, the lease may go to others.
+        let ask = || async {
+            match client.blob(hash, suspect).await {
+                Err(error) if error.code().is_some() => Err(error),
+                answer => Ok(answer),
+            }
+        };
+        let answer = retry(stop, "the request for a file", ask).await??;
+        let mut stream = std::pin::pin!(transfer::pieces(answer, SILENCE));
         let mut file = self.part()?;
         let mut hasher = blake3::Hasher::new();
         let mut received = 0;

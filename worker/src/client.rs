@@ -233,9 +233,15 @@ impl Client {
         Ok(manifest)
     }
 
-    /// The bytes of a file, piece by piece; the caller verifies them. They may come from the object store.
-    pub(crate) async fn blob(&self, hash: BlobHash) -> Result<Response, ClientError> {
-        let response = self.noted(answered(self.request(Method::GET, &format!("blobs/{hash}"))).await)?;
+    /// The bytes of a file, piece by piece; the caller verifies them. They may come from the object store. If the file is
+    /// `suspect`, the coordinator verifies it first.
+    pub(crate) async fn blob(&self, hash: BlobHash, suspect: bool) -> Result<Response, ClientError> {
+        let request = self.request(Method::GET, &format!("blobs/{hash}"));
+        let request = match suspect {
+            true => request.query(&[("suspect", true)]),
+            false => request,
+        };
+        let response = self.noted(answered(request).await)?;
         if response.status() != StatusCode::TEMPORARY_REDIRECT {
             return succeed(response).await;
         }

@@ -13,9 +13,9 @@ use tracing_subscriber::EnvFilter;
 /// Renders iterations for a coordinator of Photonfarm.
 ///
 /// The first SIGTERM or SIGINT ends the iteration at hand, delivers what is done and gives the rest back, within
-/// --drain-seconds; the second ends the process at once.
+/// --drain-seconds; the second ends the process at once. Of an option that is given twice the last one counts.
 #[derive(Parser)]
-#[command(version)]
+#[command(version, args_override_self = true)]
 struct Options {
     /// URL of the coordinator, such as http://127.0.0.1:7800.
     #[arg(long, env = "PHOTONFARM_COORDINATOR")]
@@ -143,6 +143,17 @@ fn start_log(format: LogFormat) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Scripts give options of their own and then those of their caller.
+    #[test]
+    fn the_last_of_an_option_counts_and_tags_add_up() {
+        let line =
+            "photonfarm-worker --coordinator http://a --cache a --tag x --cache b --tag y --coordinator http://b";
+        let options = Options::try_parse_from(line.split(' ')).unwrap();
+        assert_eq!(options.cache.as_deref(), Some("b".as_ref()));
+        assert_eq!(options.coordinator, "http://b");
+        assert_eq!(options.tag, ["x", "y"]);
+    }
 
     #[test]
     fn the_log_has_the_formats_of_the_coordinators() {

@@ -465,7 +465,7 @@ impl Worker {
         self.loaded = None;
         let manifest = retry(drain, "the request for a manifest", || self.client.manifest(spec.scene)).await?;
         for _ in 0..LOADS {
-            let files = self.cache.fetch(&self.client, manifest.clone()).await?;
+            let files = self.cache.fetch(&self.client, manifest.clone(), drain).await?;
             let (renderer, pool) = (self.config.renderer.clone(), self.pool.clone());
             let (read, spec) = (files.clone(), spec.clone());
             let load = move || {

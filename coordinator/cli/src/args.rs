@@ -122,9 +122,9 @@ box or epanechnikov, sigma_by_length a list such as 0.5,1 (shares of the bandwid
 one edge, two, and so on), theta_glossy the share of theta1 on glossy surfaces, surface_test true or
 false, and max_depth bounds the edges from camera to light (-1: no limit)";
 
-/// Renders scenes by photon mapping, alone or on a farm of machines.
+/// Renders scenes by photon mapping, alone or on a farm of machines. Of an option that is given twice the last one counts
 #[derive(Debug, Parser)]
-#[command(name = "photonfarm", version, after_help = EXIT_CODES, arg_required_else_help = true)]
+#[command(name = "photonfarm", version, after_help = EXIT_CODES, arg_required_else_help = true, args_override_self = true)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
@@ -469,6 +469,15 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn the_last_of_an_option_counts_and_settings_add_up() {
+        let line = "photonfarm submit a.xml --coordinator http://a --set x=1 --coordinator http://b --set y=2";
+        let Command::Submit(submit) = Cli::try_parse_from(line.split(' ')).unwrap().command else {
+            panic!("another command");
+        };
+        assert_eq!((submit.coordinator.as_str(), submit.job.set.len()), ("http://b", 2));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt};
 use photonfarm_proto::api::{
-    BundleReply, EVENT_END, EVENT_STATUS, Health, IDEMPOTENCY_KEY, JobPage, SetPriority, WorkerList, WorkerStatus,
+    BundleReply, EVENT_END, EVENT_STATUS, FARM, Health, IDEMPOTENCY_KEY, JobPage, SetPriority, WorkerList, WorkerStatus,
 };
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -14,10 +14,11 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_worker::transfer::{self, SILENCE, TransferError};
 use photonfarm_worker::{Credentials, explain, is_lasting};
-use reqwest::header::CONTENT_TYPE;
+use reqwest::header::{CONTENT_TYPE, HeaderMap};
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
 use std::cell::Cell;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 
@@ -45,6 +46,8 @@ pub(crate) struct Client {
     uploads: reqwest::Client,
     base: Url,
     credentials: Credentials,
+    /// The farm that answered first; answers of another one are refused.
+    farm: Arc<OnceLock<String>>,
 }
 
 /// Why a request has no answer.
@@ -73,27 +76,35 @@ impl Client {
             uploads: builder().build()?,
             base,
             credentials,
+            farm: Arc::default(),
         })
     }
 
-    /// Waits until the coordinator answers. Whether it takes the token shows at the first request that needs one.
+    /// Waits until the coordinator answers, and from then on refuses answers of other farms. Whether it takes the token shows
+    /// at the first request that needs one.
     pub(crate) async fn connect(&self) -> Result<Health> {
         let health = self
             .retry(FIRST_PATIENCE, || {
                 self.http.request(Method::GET, self.address("healthz"))
             })
             .await;
-        let response = health.with_context(|| {
-            format!(
-                "no coordinator answers at {}; is `photonfarm serve` running there?",
-                self.base
-            )
+        let response = health.map_err(|error| {
+            let base = &self.base;
+            let what = match error.is::<Problem>() {
+                true => format!("the farm at {base} is not ready"),
+                false => format!("no coordinator answers at {base}; is `photonfarm serve` running there?"),
+            };
+            error.context(what)
         })?;
         let advice = "something answers there, but not a Photonfarm coordinator";
-        response
+        let health: Health = response
             .json()
             .await
-            .with_context(|| format!("{}: {advice}", self.base))
+            .with_context(|| format!("{}: {advice}", self.base))?;
+        if !health.farm.farm.is_empty() {
+            self.farm.get_or_init(|| health.farm.farm.clone());
+        }
+        Ok(health)
     }
 
     /// Announces a bundle; the answer says what is missing.
@@ -274,7 +285,7 @@ impl Client {
         let (started, mut pause) = (Instant::now(), FIRST_PAUSE);
         let mut told = false;
         loop {
-            match judge(send().await).await {
+            match judge(send().await, self.farm.get()).await {
                 Ok(response) => return Ok(response),
                 Err(Failure::Refused(error)) => return Err(error),
                 Err(Failure::Away(error)) if started.elapsed() + pause > patience => return Err(error),
@@ -296,8 +307,8 @@ fn is_gone(error: &anyhow::Error) -> bool {
     problem.is_some_and(|problem| problem.code == ErrorCode::NotFound)
 }
 
-/// Whether an answer is one, or there may be one later.
-async fn judge(answer: Result<Response, TransferError>) -> Result<Response, Failure> {
+/// Whether an answer is one, or there may be one later; `farm` is to give it, where that is known.
+async fn judge(answer: Result<Response, TransferError>, farm: Option<&String>) -> Result<Response, Failure> {
     let response = answer.map_err(|error| {
         let reason = anyhow!("{}", explain(&error));
         let builder = matches!(&error, TransferError::Http(http) if http.is_builder());
@@ -306,6 +317,7 @@ async fn judge(answer: Result<Response, TransferError>) -> Result<Response, Fail
             false => Failure::Away(reason),
         }
     })?;
+    check_farm(response.headers(), farm).map_err(Failure::Refused)?;
     let status = response.status();
     if status.is_success() {
         return Ok(response);
@@ -328,6 +340,23 @@ async fn judge(answer: Result<Response, TransferError>) -> Result<Response, Fail
             "answered {status}: is this a Photonfarm coordinator?"
         ))),
     }
+}
+
+/// Refuses answers of a farm that is not the expected one.
+fn check_farm(headers: &HeaderMap, expected: Option<&String>) -> Result<()> {
+    let found = headers.get(FARM).and_then(|value| value.to_str().ok());
+    match (found, expected) {
+        (Some(found), Some(expected)) if found != expected => bail!(other_farm(found, expected)),
+        _ => Ok(()),
+    }
+}
+
+/// What is to be said where another farm answers than the one that was asked first.
+pub(crate) fn other_farm(found: &str, expected: &str) -> String {
+    format!(
+        "another farm answers there ({found}) than the one that has the job ({expected}): give the address of that one as \
+         --coordinator, or submit again to this one"
+    )
 }
 
 /// Server-sent events (HTML standard, section 9.2) of an answer.
@@ -384,6 +413,7 @@ impl Events {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use reqwest::header::HeaderName;
 
     fn events(chunks: &[&str]) -> Events {
         let chunks: Vec<reqwest::Result<Vec<u8>>> = chunks.iter().map(|c| Ok(c.as_bytes().to_vec())).collect();
@@ -405,6 +435,17 @@ mod tests {
         assert_eq!(next().await, Some(("status".into(), "{}\n".into())));
         assert_eq!(next().await, Some(("end".into(), "1\n2\n".into())));
         assert_eq!(next().await, None);
+    }
+
+    #[test]
+    fn answers_of_another_farm_are_refused() {
+        let headers = |farm: &str| HeaderMap::from_iter([(HeaderName::from_static(FARM), farm.parse().unwrap())]);
+        let (nobody, farm) = (HeaderMap::new(), "a".to_owned());
+        check_farm(&headers("b"), None).unwrap();
+        check_farm(&nobody, Some(&farm)).unwrap();
+        check_farm(&headers("a"), Some(&farm)).unwrap();
+        let error = check_farm(&headers("b"), Some(&farm)).unwrap_err().to_string();
+        assert!(error.contains("another farm answers there (b)"), "{error}");
     }
 
     #[test]

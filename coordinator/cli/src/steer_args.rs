@@ -63,6 +63,9 @@ pub(crate) struct WaitArgs {
     /// Picture to write when the job is done, with a PNG beside it
     #[arg(short, long, value_name = "OUT.exr")]
     pub(crate) output: Option<PathBuf>,
+    /// The farm that has the job, as `submit --wait` and `healthz` name it: another one at the same address is refused
+    #[arg(long = "farm", value_name = "FARM")]
+    pub(crate) identity: Option<String>,
     #[command(flatten)]
     pub(crate) farm: FarmArgs,
 }

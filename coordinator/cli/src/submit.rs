@@ -1,7 +1,7 @@
 //! `photonfarm submit` sends a scene to a farm; `photonfarm wait` waits for a job.
 
 use crate::args::SubmitArgs;
-use crate::client::Client;
+use crate::client::{Client, other_farm};
 use crate::job::PreparedJob;
 use crate::output::PictureFiles;
 use crate::progress::Progress;
@@ -25,7 +25,7 @@ async fn submit(args: SubmitArgs) -> Result<()> {
     let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule = args.schedule.schedule()?;
     job.key = args.key.unwrap_or(job.key);
-    client.connect().await?;
+    let farm = client.connect().await?.farm.farm;
     let asked = send(&client, &job).await?;
     let id = asked.id;
     let said = say::line(id);
@@ -37,7 +37,7 @@ async fn submit(args: SubmitArgs) -> Result<()> {
         Err(error) if !error.is::<say::ReaderLeft>() => return Err(error),
         _ => {}
     }
-    let again = again(id, &args.coordinator, args.output.as_deref());
+    let again = again(id, &args.coordinator, &farm, args.output.as_deref());
     say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
     await_picture(&client, &asked, output, Some(&scene), &again).await
 }
@@ -47,19 +47,22 @@ pub(crate) fn wait(args: WaitArgs) -> Result<()> {
     tokio::runtime::Runtime::new()?.block_on(async {
         let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
         let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
-        client.connect().await?;
+        let farm = client.connect().await?.farm.farm;
+        if let Some(expected) = args.identity.filter(|expected| *expected != farm) {
+            bail!(other_farm(&farm, &expected));
+        }
         let asked = client.status(args.job).await?;
-        let again = again(args.job, &args.farm.coordinator, args.output.as_deref());
+        let again = again(args.job, &args.farm.coordinator, &farm, args.output.as_deref());
         await_picture(&client, &asked, output, None, &again).await
     })
 }
 
 /// The command that goes on waiting.
-fn again(id: JobId, coordinator: &str, output: Option<&Path>) -> String {
+fn again(id: JobId, coordinator: &str, farm: &str, output: Option<&Path>) -> String {
     let output = output.map(|path| format!(" -o {}", quoted(&path.display().to_string())));
-    let coordinator = quoted(coordinator);
+    let (coordinator, farm) = (quoted(coordinator), quoted(farm));
     format!(
-        "photonfarm wait {id} --coordinator {coordinator}{}",
+        "photonfarm wait {id} --coordinator {coordinator} --farm {farm}{}",
         output.unwrap_or_default()
     )
 }
@@ -229,12 +232,12 @@ mod tests {
     #[test]
     fn commands_are_quoted_for_the_shell() {
         assert_eq!(
-            again(JobId(3), "http://[::1]:7800", Some(Path::new("it's mine.exr"))),
-            "photonfarm wait 3 --coordinator 'http://[::1]:7800' -o 'it'\\''s mine.exr'"
+            again(JobId(3), "http://[::1]:7800", "ab12", Some(Path::new("it's mine.exr"))),
+            "photonfarm wait 3 --coordinator 'http://[::1]:7800' --farm ab12 -o 'it'\\''s mine.exr'"
         );
         assert_eq!(
-            again(JobId(3), "https://farm:7800", None),
-            "photonfarm wait 3 --coordinator https://farm:7800"
+            again(JobId(3), "https://farm:7800", "ab12", None),
+            "photonfarm wait 3 --coordinator https://farm:7800 --farm ab12"
         );
     }
 }

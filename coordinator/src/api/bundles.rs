@@ -1,9 +1,9 @@
 //! Scenes arrive: the manifest, then the files that are missing.
 
-use super::extract::{Id, JsonBody};
+use super::extract::{Id, JsonBody, Params};
 use super::guard::By;
 use super::{ApiError, App};
-use crate::service::{Part, ServiceError};
+use crate::service::{Part, SceneFile};
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
@@ -13,6 +13,7 @@ use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::problem::Problem;
+use serde::Deserialize;
 use tokio_util::io::ReaderStream;
 
 /// Keeps a manifest; the reply names the files to upload.
@@ -60,34 +61,38 @@ pub(super) async fn upload(
     })
 }
 
+/// How a file is asked for.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct FileParams {
+    /// The bytes that came had another hash, or there were none: the farm is to verify its own first.
+    #[serde(default)]
+    suspect: bool,
+}
+
 /// The bytes of a file, perhaps from another place. The receiver verifies the hash.
 #[utoipa::path(
-    get, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path)),
+    get, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path), FileParams),
     responses(
         (status = 200, content_type = "application/octet-stream"),
         (status = 307, description = "they are in the object store, at the URL in `Location`"),
         (status = "4XX", body = Problem)
     )
 )]
-pub(super) async fn download(State(service): State<App>, Id(hash): Id<BlobHash>) -> Result<Response, ApiError> {
-    if let Some(url) = service
-        .stores
-        .scenes
-        .read_url(hash.into())
-        .await
-        .map_err(ServiceError::from)?
-    {
-        return Ok(Redirect::temporary(&url).into_response());
+pub(super) async fn download(
+    State(service): State<App>,
+    Id(hash): Id<BlobHash>,
+    Params(FileParams { suspect }): Params<FileParams>,
+) -> Result<Response, ApiError> {
+    match service.scene_file(hash, suspect).await? {
+        SceneFile::At(url) => Ok(Redirect::temporary(&url).into_response()),
+        SceneFile::Here(bytes, reader) => {
+            let headers = [
+                (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+                (header::CONTENT_LENGTH, bytes.to_string()),
+            ];
+            Ok((headers, Body::from_stream(ReaderStream::new(reader))).into_response())
+        }
     }
-    let (bytes, reader) = service
-        .stores
-        .scenes
-        .open(hash.into())
-        .await
-        .map_err(ServiceError::from)?;
-    let headers = [
-        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
-        (header::CONTENT_LENGTH, bytes.to_string()),
-    ];
-    Ok((headers, Body::from_stream(ReaderStream::new(reader))).into_response())
 }

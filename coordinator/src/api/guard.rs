@@ -6,10 +6,12 @@ use crate::access::{Caller, Gate, network};
 use crate::scheduler::record::Origin;
 use crate::server::Peer;
 use axum::extract::{FromRequestParts, Request, State};
+use axum::http::HeaderValue;
 use axum::http::header::AUTHORIZATION;
 use axum::http::request::Parts;
 use axum::middleware::Next;
 use axum::response::Response;
+use photonfarm_proto::api::FARM;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::Role;
@@ -42,6 +44,15 @@ pub(super) async fn identify(
         tracing::info!("{who} at {peer}: {asked}: {}", response.status());
     }
     Ok(response)
+}
+
+/// Says in each answer which farm gives it.
+pub(super) async fn name_farm(State(farm): State<Option<HeaderValue>>, request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    if let Some(farm) = farm {
+        response.headers_mut().insert(FARM, farm);
+    }
+    response
 }
 
 /// Whether a request belongs into the log: it changes something, and is none of those that workers, or files of a scene,

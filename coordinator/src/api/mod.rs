@@ -124,9 +124,15 @@ pub(crate) fn router(service: App, gate: Arc<Gate>) -> Router {
         .layer(Extension(gate))
         .layer(Extension(Arc::new(Spool::default())))
         .merge(open_routes().guarded().method_not_allowed_fallback(not_allowed))
+        .layer(from_fn_with_state(farm_name(&service), guard::name_farm))
         .layer(DefaultBodyLimit::disable())
         .layer(TraceLayer::new_for_http())
         .with_state(service)
+}
+
+/// The farm's digits as the value of a header.
+fn farm_name(service: &App) -> Option<HeaderValue> {
+    HeaderValue::try_from(service.identity().farm).ok()
 }
 
 async fn not_allowed() -> ApiError {

@@ -28,6 +28,7 @@ const SHORT: usize = 1 << 20;
 pub(super) struct Spool {
     answers: Arc<Semaphore>,
     making: Semaphore,
+    wait: Duration,
 }
 
 impl Default for Spool {
@@ -35,6 +36,7 @@ impl Default for Spool {
         Self {
             answers: Arc::new(Semaphore::new(ANSWERS)),
             making: Semaphore::new(MAKING),
+            wait: WAIT,
         }
     }
 }
@@ -63,7 +65,7 @@ impl Spool {
             )
             .after(5)
         };
-        let turn = tokio::time::timeout(WAIT, async {
+        let turn = tokio::time::timeout(self.wait, async {
             let answer = self.answers.clone().acquire_owned().await.ok()?;
             Some((answer, self.making.acquire().await.ok()?))
         });
@@ -104,4 +106,66 @@ fn read_to_end(reader: impl AsyncRead + Send + 'static, answer: OwnedSemaphorePe
         let _until_the_last = &answer;
         piece
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::body::BodyDataStream;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    async fn answer(spool: &Spool, bytes: usize) -> Result<BodyDataStream, ApiError> {
+        let made = async { Ok((Response::default(), LongBody::Bytes(vec![7; bytes]))) };
+        Ok(spool.answer(made).await?.into_body().into_data_stream())
+    }
+
+    #[tokio::test]
+    async fn slow_readers_of_long_answers_are_bounded_and_hold_files_and_no_memory() {
+        let spool = Spool {
+            wait: Duration::from_millis(1),
+            ..Spool::default()
+        };
+        let mut slow = Vec::new();
+        for _ in 0..ANSWERS {
+            slow.push(answer(&spool, SHORT + 1).await.unwrap());
+        }
+        let refused = answer(&spool, 1).await.expect_err("one too many").0;
+        assert_eq!((refused.code, refused.retry_after_s), (ErrorCode::Unavailable, Some(5)));
+
+        // In memory it would come in one piece.
+        let mut read = slow.pop().unwrap();
+        let first = read.next().await.unwrap().unwrap();
+        assert!(first.len() <= 64 << 10, "a piece of {} bytes", first.len());
+        let mut total = first.len();
+        while let Some(piece) = read.next().await {
+            total += piece.unwrap().iter().filter(|byte| **byte == 7).count();
+        }
+        assert_eq!(total, SHORT + 1);
+        drop(read);
+        slow.push(answer(&spool, SHORT + 1).await.expect("the place of who has read all"));
+
+        drop(slow.pop());
+        let short = [answer(&spool, 1).await, answer(&spool, SHORT).await];
+        assert!(short.iter().all(Result::is_ok), "short answers hold no place");
+    }
+
+    #[tokio::test]
+    async fn few_answers_are_made_at_once() {
+        let spool = Spool::default();
+        let (begun, go_on) = (AtomicUsize::new(0), Semaphore::new(0));
+        let make = || async {
+            begun.fetch_add(1, Ordering::Relaxed);
+            drop(go_on.acquire().await);
+            Ok((Response::default(), LongBody::None))
+        };
+        let all = futures_util::future::join_all((0..2 * MAKING).map(|_| spool.answer(make())));
+        // Polled after all of them were.
+        let later = async {
+            assert_eq!(begun.load(Ordering::Relaxed), MAKING);
+            go_on.add_permits(1);
+        };
+        let (answers, ()) = tokio::join!(biased; all, later);
+        assert!(answers.iter().all(Result::is_ok));
+        assert_eq!(begun.into_inner(), 2 * MAKING);
+    }
 }

@@ -118,3 +118,58 @@ fn complete(operation: &mut Operation, open: bool) {
         operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(TOKEN, [])]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::access::{Gate, Tokens};
+    use crate::api::router;
+    use crate::scheduler::SchedulerConfig;
+    use crate::service::{Service, Stores};
+    use crate::store::faulty::{Faults, FaultyBlobs, FaultyState};
+    use crate::store::memory::MemoryStore;
+    use crate::store::{BlobStore, FolderStore, StateStore};
+    use axum::body::Body;
+    use axum::http::Request;
+    use photonfarm_proto::limits::Limits;
+    use std::sync::Arc;
+    use tower::ServiceExt;
+
+    #[tokio::test]
+    async fn whoever_asks_how_the_farm_is_costs_no_use_of_a_store() {
+        let (folder, faults) = (tempfile::tempdir().unwrap(), Arc::<Faults>::default());
+        let inner: Arc<dyn StateStore> = Arc::new(MemoryStore::default());
+        let state = Arc::new(FaultyState {
+            inner: inner.into(),
+            faults: faults.clone(),
+        });
+        let blobs = |name: &str| {
+            let inner: Arc<dyn BlobStore> = Arc::new(FolderStore::open(&folder.path().join(name), false).unwrap());
+            Arc::new(FaultyBlobs {
+                inner: inner.into(),
+                faults: faults.clone(),
+            })
+        };
+        let (scenes, nodes) = (blobs("scenes"), blobs("nodes"));
+        let stores = Stores {
+            state: state.clone(),
+            scenes: scenes.clone(),
+            nodes: nodes.clone(),
+        };
+        let calls = || state.inner.calls() + scenes.inner.calls() + nodes.inner.calls();
+        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores).await;
+        let gate = Gate::new(Tokens::new(state.clone()), true, 1);
+        let router = router(service.unwrap(), Arc::new(gate));
+        let ask = async |path: &str| {
+            let request = Request::get(path).header("host", "localhost").body(Body::empty());
+            let reply = router.clone().oneshot(request.unwrap()).await;
+            reply.unwrap().status().as_u16()
+        };
+        let before = calls();
+        for _ in 0..3 {
+            assert_eq!(ask("/v1/healthz").await, 200);
+        }
+        assert_eq!(calls(), before);
+        assert_eq!(ask("/v1/jobs").await, 200);
+        assert!(calls() > before, "what others ask costs something");
+    }
+}

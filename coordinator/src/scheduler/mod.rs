@@ -72,6 +72,9 @@ pub enum Refusal {
     /// Something that cannot be.
     #[error("{0}")]
     Invalid(String),
+    /// Workers say different things of the settings that a scene decides. Nobody knows yet who is right.
+    #[error("workers disagree about the settings that the scene of job {0} decides")]
+    Disagreement(JobId),
     /// Two results for one node: one of the workers is broken, or renders with another program.
     #[error("job {job}: node {node} was counted with digest {counted}, not {offered}")]
     Conflict {

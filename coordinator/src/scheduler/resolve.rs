@@ -6,7 +6,8 @@ use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::worker::SettingsReport;
 
 impl Farm {
-    /// A worker has loaded the scene of a lease, and says how that decides.
+    /// A worker has loaded the scene of a lease, and says how that decides. What the first one said holds while anything is in
+    /// the image or lent to others; whoever says something else is not believed and not blamed, since the first may be wrong.
     pub fn report_settings(&self, report: &SettingsReport) -> Result<Decision<()>, Refusal> {
         let job = self.live_job(report.job)?;
         job.lease(report.token, report.worker)?;
@@ -16,9 +17,13 @@ impl Farm {
         // Nothing was rendered with settings of which nothing is in the image or lent.
         let binds = !job.live.is_empty() || job.leases.len() > 1;
         let differs = known.as_ref().is_some_and(|known| known != settings) && binds;
-        if !valid || differs {
-            let reason = "the scene decides over the settings as the job or another worker does not: other files or another program";
+        if !valid {
+            let reason =
+                "the scene decides over the settings as the job does not allow: other files or another program";
             return Err(Refusal::Invalid(reason.into()));
+        }
+        if differs {
+            return Err(Refusal::Disagreement(job.id()));
         }
         let changes = match known.as_ref() == Some(settings) || asked.complete().is_some() {
             true => vec![],

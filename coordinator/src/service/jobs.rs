@@ -72,7 +72,10 @@ impl Service {
             }
             staged.write(&piece).await?;
         }
+        let placing = self.missing_files.placing().await;
         staged.publish().await?;
+        drop(placing);
+        self.note_sent(hash);
         Ok(known != Some(received))
     }
 

@@ -3,6 +3,7 @@
 mod arrival;
 mod at_hand;
 mod clock;
+mod counts;
 mod error;
 mod fold;
 mod garbage;
@@ -15,6 +16,7 @@ mod nodes;
 mod noise;
 mod obstacles;
 mod retention;
+mod scenes;
 mod shared;
 #[cfg(test)]
 mod shared_tests;
@@ -30,6 +32,7 @@ pub use error::ServiceError;
 pub use image::{ImageFormat, Picture, PictureFile};
 pub(crate) use obstacles::Part;
 pub use retention::Keep;
+pub(crate) use scenes::SceneFile;
 
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig, Secret};
@@ -85,6 +88,8 @@ pub struct Service {
     finishing: Mutex<()>,
     shared: shared::Shared,
     obstacles: obstacles::Obstacles,
+    missing_files: scenes::MissingFiles,
+    pub(crate) counts: counts::Counts,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
@@ -142,6 +147,8 @@ impl Service {
             finishing: Mutex::default(),
             shared: shared::Shared::default(),
             obstacles: obstacles::Obstacles::default(),
+            missing_files: scenes::MissingFiles::default(),
+            counts: counts::Counts::default(),
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
             naming: RwLock::default(),
@@ -292,6 +299,7 @@ impl Service {
         let garbage = garbage::superfluous(&cell.farm, changes);
         for change in changes {
             journal::note(&cell.farm, change);
+            self.counts.note(change);
             if let Change::JobEnded { job, .. } = change
                 && let Some(job) = cell.farm.job(*job)
             {

@@ -6,15 +6,16 @@
 use super::{Service, ServiceError};
 use crate::store::StoreError;
 use photonfarm_proto::api::Obstacle;
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::waiting::Waiting;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time after which an obstacle that nobody has met again is forgotten.
-const FORGOTTEN: Duration = Duration::from_secs(120);
+pub(super) const FORGOTTEN: Duration = Duration::from_secs(120);
 /// Time between two looks at the state store.
 const LOOK: Duration = Duration::from_secs(2);
 /// How long the state store may take for it.
@@ -71,6 +72,8 @@ struct Known {
 #[derive(Debug, Default)]
 pub(super) struct Obstacles {
     parts: Mutex<BTreeMap<Part, Known>>,
+    /// When workers last disagreed about the settings that the scene of a job decides.
+    disagreements: Mutex<BTreeMap<JobId, Instant>>,
     /// Jobs that wait, by the reason, when the state store was last looked at.
     jobs: Mutex<BTreeMap<Waiting, u64>>,
 }
@@ -146,6 +149,27 @@ impl Service {
         jobs.clone()
     }
 
+    /// Workers disagree about the settings that the scene of a job decides. They ask again within seconds, for as long as they
+    /// disagree.
+    pub(super) fn note_disagreement(&self, job: JobId) {
+        let mut disagreements = self.disagreements();
+        disagreements.retain(|_, at| at.elapsed() < FORGOTTEN);
+        disagreements.insert(job, Instant::now());
+        drop(disagreements);
+        self.progress.send_modify(|version| *version += 1);
+    }
+
+    fn is_disputed(&self, job: JobId) -> bool {
+        self.disagreements()
+            .get(&job)
+            .is_some_and(|at| at.elapsed() < FORGOTTEN)
+    }
+
+    fn disagreements(&self) -> MutexGuard<'_, BTreeMap<JobId, Instant>> {
+        let disagreements = &self.obstacles.disagreements;
+        disagreements.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The status of a job, with what keeps the whole farm from going on.
     pub(super) fn held_up(&self, mut status: JobStatus) -> JobStatus {
         if status.state.ended() || status.waiting_reason == Some(Waiting::Paused) {
@@ -154,6 +178,16 @@ impl Service {
         let found = self.found_obstacles().into_iter();
         if let Some((_, obstacle)) = found.into_iter().find(|(part, _)| *part != Part::Scenes) {
             (status.waiting, status.waiting_reason) = (Some(obstacle.detail), Some(obstacle.reason));
+        } else if let Some(name) = self.missing_files.of_scene(status.spec.scene) {
+            let detail = format!(
+                "{name} of its scene is missing on the farm, or was damaged: submit the scene again, which sends it, and this job \
+                 goes on"
+            );
+            (status.waiting, status.waiting_reason) = (Some(detail), Some(Waiting::Scene));
+        } else if self.is_disputed(status.id) {
+            let detail = "workers disagree about the settings that its scene decides: cancel it, and submit it with all settings, as \
+                          `photonfarm submit` does";
+            (status.waiting, status.waiting_reason) = (Some(detail.into()), Some(Waiting::Dispute));
         }
         status
     }

@@ -68,7 +68,7 @@ impl Ground {
         };
         let faults = faults.clone();
         let state = Arc::new(FaultyState {
-            inner,
+            inner: inner.into(),
             faults: faults.clone(),
         });
         let folder = |name: &str| FolderStore::open(&self.folder.path().join(name), self.url.is_some()).unwrap();
@@ -83,7 +83,10 @@ impl Ground {
         Stores {
             state,
             scenes: Arc::new(folder("scenes")),
-            nodes: Arc::new(FaultyBlobs { inner, faults }),
+            nodes: Arc::new(FaultyBlobs {
+                inner: inner.into(),
+                faults,
+            }),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::record::{LeaseRecord, Millis, Origin};
-use crate::scheduler::{Asked, Decision, Farm};
+use crate::scheduler::{Asked, Decision, Farm, Refusal};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind};
@@ -158,7 +158,12 @@ impl Service {
 
     /// A worker says how the scene decides over settings that a job leaves to it.
     pub(crate) async fn report_settings(self: &Arc<Self>, report: SettingsReport) -> Result<(), ServiceError> {
-        self.transact(move |farm, _| farm.report_settings(&report)).await
+        let job = report.job;
+        let reported = self.transact(move |farm, _| farm.report_settings(&report)).await;
+        if let Err(ServiceError::Refusal(Refusal::Disagreement(_))) = &reported {
+            self.note_disagreement(job);
+        }
+        reported
     }
 
     /// A worker could not render an iteration.

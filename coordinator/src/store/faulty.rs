@@ -1,6 +1,8 @@
 //! Stores for tests that fail or wait at the very step that a test names, around stores of any kind.
 
 use super::*;
+use std::ops::Deref;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use tokio::sync::Semaphore;
 
@@ -39,6 +41,35 @@ impl Gate {
     /// Lets it go on.
     pub(crate) fn open(&self) {
         self.open.add_permits(1);
+    }
+}
+
+/// A store that counts the calls of it.
+pub(crate) struct Counted<S: ?Sized> {
+    store: Arc<S>,
+    calls: AtomicU64,
+}
+
+impl<S: ?Sized> Counted<S> {
+    /// So many calls there were.
+    pub(crate) fn calls(&self) -> u64 {
+        self.calls.load(Ordering::Relaxed)
+    }
+}
+
+impl<S: ?Sized> From<Arc<S>> for Counted<S> {
+    fn from(store: Arc<S>) -> Self {
+        let calls = AtomicU64::new(0);
+        Self { store, calls }
+    }
+}
+
+impl<S: ?Sized> Deref for Counted<S> {
+    type Target = S;
+
+    fn deref(&self) -> &S {
+        self.calls.fetch_add(1, Ordering::Relaxed);
+        &self.store
     }
 }
 
@@ -87,7 +118,7 @@ impl Faults {
 
 /// A blob store with faults.
 pub(crate) struct FaultyBlobs {
-    pub(crate) inner: Arc<dyn BlobStore>,
+    pub(crate) inner: Counted<dyn BlobStore>,
     pub(crate) faults: Arc<Faults>,
 }
 
@@ -169,14 +200,15 @@ impl StagedBlob for FaultyStage {
 
 /// A state store with faults.
 pub(crate) struct FaultyState {
-    pub(crate) inner: Arc<dyn StateStore>,
+    pub(crate) inner: Counted<dyn StateStore>,
     pub(crate) faults: Arc<Faults>,
 }
 
 #[async_trait]
 impl StateStore for FaultyState {
+    // It is known once the store is open.
     fn identity(&self) -> FarmIdentity {
-        self.inner.identity()
+        self.inner.store.identity()
     }
 
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {

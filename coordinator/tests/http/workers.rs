@@ -2,6 +2,7 @@
 
 use crate::support::{Farm, expect_problem};
 use photonfarm_core::film::Node;
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, PppmSettings};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::codec::{decode, encode};
@@ -9,8 +10,10 @@ use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::waiting::Waiting;
 use photonfarm_proto::worker::{
-    Assignment, LeaseRequest, NodeReply, NodeUpload, Register, StatisticsRequest, frame_upload, read_statistics,
+    Acknowledged, Assignment, Lease, LeaseRequest, NodeReply, NodeUpload, Register, SettingsReport, StatisticsRequest,
+    frame_upload, read_statistics,
 };
 use reqwest::{Method, StatusCode};
 use serde_json::json;
@@ -254,4 +257,42 @@ async fn what_a_lease_of_a_chain_goes_on_from_is_for_its_worker() {
     expect_problem(ask(&first, worker).await, ErrorCode::StaleLease).await;
     let other = farm.register().await;
     expect_problem(ask(&second, other).await, ErrorCode::StaleLease).await;
+}
+
+/// What one worker says of a scene can be wrong, and so can what another one says: neither is to blame.
+#[tokio::test]
+async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so() {
+    let farm = Farm::start().await;
+    let job = farm.submit(8).await;
+    let of_depth = |max_depth| {
+        IntegratorSettings::Path(PathSettings {
+            max_depth,
+            ..PathSettings::default()
+        })
+    };
+    let report = |lease: &Lease, integrator: IntegratorSettings| SettingsReport {
+        token: lease.token,
+        worker: lease.worker,
+        job,
+        integrator,
+    };
+    let first = farm.lease(farm.register().await).await.lease;
+    // Whoever is alone may say something else.
+    for depth in [Some(3), Some(4)] {
+        let _: Acknowledged = farm.call("settings", &report(&first, of_depth(depth))).await;
+    }
+    let second = farm.lease(farm.register().await).await.lease;
+    let refused = farm
+        .send("settings", encode(&report(&second, of_depth(Some(5)))).unwrap())
+        .await;
+    expect_problem(refused, ErrorCode::ResultConflict).await;
+    let status = farm.status(job).await;
+    assert_eq!(status.waiting_reason, Some(Waiting::Dispute));
+    assert!(status.waiting.unwrap().contains("submit it with all settings"));
+    assert_eq!(status.integrator, Some(of_depth(Some(4))));
+    assert_eq!((status.poisoned, status.workers), (vec![], 2));
+    let _: Acknowledged = farm.call("settings", &report(&second, of_depth(Some(4)))).await;
+    let other = IntegratorSettings::Pppm(PppmSettings::default());
+    let refused = farm.send("settings", encode(&report(&second, other)).unwrap()).await;
+    expect_problem(refused, ErrorCode::Invalid).await;
 }

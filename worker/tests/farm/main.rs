@@ -5,6 +5,7 @@ mod chains;
 mod support;
 
 use photonfarm_proto::job::{FailureKind, JobState};
+use photonfarm_proto::waiting::Waiting;
 use photonfarm_test_servers::S3;
 use std::time::Duration;
 use support::{Farm, Fault};
@@ -55,7 +56,7 @@ async fn a_restart_of_the_coordinator_loses_nothing_and_renders_nothing_twice() 
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_work_of_a_lost_worker_is_done_by_another() {
-    let farm = Farm::start().await;
+    let farm = Farm::start_with_short_leases().await;
     farm.lose_a_worker(farm.submit(b"good", 9)).await;
 }
 
@@ -158,14 +159,41 @@ async fn a_broken_scene_fails_its_job_at_once_and_the_farm_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_damaged_scene_is_found_by_workers_and_repaired_by_sending_it_again() {
+    for s3 in [None, Some(S3::start())] {
+        let farm = Farm::start_on(s3).await;
+        let job = farm.submit(b"good", 3).await;
+        farm.damage_scene(b"good");
+        let worker = farm.worker("a");
+        let status = farm
+            .until(job, |status| status.waiting_reason == Some(Waiting::Scene))
+            .await;
+        assert!(status.waiting.unwrap().contains("scene.xml"));
+        // That the farm lacks the file is said to whoever submits the scene again, and he sends it.
+        let again = farm.submit(b"good", 1).await;
+        assert_eq!(farm.until_ended(again).await.state, JobState::Done);
+        let status = farm.until_ended(job).await;
+        assert_eq!(
+            (status.state, status.poisoned),
+            (JobState::Done, vec![]),
+            "nobody is to blame"
+        );
+        assert_eq!(status.waiting_reason, None);
+        farm.check_image(job, 1..=3).await;
+        worker.drain().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cancelled_job_is_dropped_in_mid_iteration() {
-    let farm = Farm::start().await;
+    let farm = Farm::start_with_short_leases().await;
     farm.stage.hold(2);
     let worker = farm.worker("a");
     let job = farm.submit(b"good", 8).await;
     farm.stage.until_begun(2, 1).await;
     farm.until(job, |status| status.iterations_done == 1).await;
-    let reply = farm.http.delete(farm.url(&format!("jobs/{job}"))).send().await.unwrap();
+    let cancel = farm.http.post(farm.url(&format!("jobs/{job}/cancel")));
+    let reply = cancel.send().await.unwrap();
     assert_eq!(reply.status(), 200);
     assert_eq!(farm.status(job).await.state, JobState::Cancelled);
     farm.check_image(job, [1]).await;

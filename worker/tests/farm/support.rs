@@ -18,7 +18,7 @@ use photonfarm_test_servers::S3;
 use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 use tempfile::TempDir;
@@ -28,6 +28,8 @@ use tokio::task::JoinHandle;
 
 pub(crate) const SIZE: [u32; 2] = [8, 4];
 pub(crate) const SEED: u64 = 7;
+const LONG_LEASE_MS: u64 = 3_600_000;
+const SHORT_LEASE_MS: u64 = 1_500;
 
 /// What goes wrong with an iteration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -180,29 +182,52 @@ impl LoadedScene for DoubleScene {
     }
 }
 
+/// The files in a folder and in the folders in it.
+fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let files = entries.flat_map(|path| match path.is_dir() {
+        true => files_below(&path),
+        false => vec![path],
+    });
+    files.collect()
+}
+
 /// A coordinator that can be restarted on the same address and data, and its workers.
 pub(crate) struct Farm {
     pub(crate) stage: Arc<Stage>,
     folder: TempDir,
     address: SocketAddr,
     coordinator: Option<Coordinator>,
+    /// How long a lease lasts without a sign of life [ms].
+    lease_ms: u64,
     /// Where bytes are, if not in a folder.
     pub(crate) s3: Option<S3>,
     pub(crate) http: reqwest::Client,
 }
 
 impl Farm {
+    /// A farm whose leases outlast every test, however slow its machine is.
     pub(crate) async fn start() -> Self {
-        Self::start_on(None).await
+        Self::start_with(LONG_LEASE_MS, None).await
+    }
+
+    /// A farm that soon notices when a worker is gone, and tells workers soon what is no longer wanted.
+    pub(crate) async fn start_with_short_leases() -> Self {
+        Self::start_with(SHORT_LEASE_MS, None).await
     }
 
     /// A farm whose bytes are objects.
     pub(crate) async fn start_on(s3: Option<S3>) -> Self {
+        Self::start_with(LONG_LEASE_MS, s3).await
+    }
+
+    async fn start_with(lease_ms: u64, s3: Option<S3>) -> Self {
         let mut farm = Self {
             stage: Arc::default(),
             folder: tempfile::tempdir().unwrap(),
             address: SocketAddr::from(([127, 0, 0, 1], 0)),
             coordinator: None,
+            lease_ms,
             s3,
             http: reqwest::Client::builder().no_proxy().build().unwrap(),
         };
@@ -212,24 +237,25 @@ impl Farm {
 
     /// The files with the images of nodes.
     pub(crate) fn node_files(&self) -> Vec<PathBuf> {
-        let folders = std::fs::read_dir(self.folder.path().join("data/nodes")).unwrap();
-        let inner = folders.flat_map(|entry| {
-            let path = entry.unwrap().path();
-            match path.is_dir() {
-                true => std::fs::read_dir(path)
-                    .unwrap()
-                    .map(|entry| entry.unwrap().path())
-                    .collect(),
-                false => vec![path],
-            }
-        });
-        inner.filter(|path| path.is_file()).collect()
+        files_below(&self.folder.path().join("data/nodes"))
+    }
+
+    /// Other bytes take the place of a scene's file, as many of them.
+    pub(crate) fn damage_scene(&self, content: &[u8]) {
+        let folder = match &self.s3 {
+            Some(s3) => s3.file("scenes"),
+            None => self.folder.path().join("data/scenes"),
+        };
+        let found = files_below(&folder).into_iter();
+        let scenes = found.filter(|path| std::fs::read(path).unwrap() == content);
+        let damaged = scenes.map(|path| std::fs::write(path, vec![b'?'; content.len()]).unwrap());
+        assert_eq!(damaged.count(), 1);
     }
 
     pub(crate) fn config(&self) -> Config {
         let mut config = Config::new(self.folder.path().join("data"));
-        config.scheduler.lease_ttl_ms = 1_500;
-        config.scheduler.reconnect_ms = 5_000;
+        config.scheduler.lease_ttl_ms = self.lease_ms;
+        config.scheduler.reconnect_ms = LONG_LEASE_MS;
         config.scheduler.retry_ms = 10;
         config
     }
