@@ -270,6 +270,77 @@ fn broken_images_name_their_file() {
     }
 }
 
+/// Files of each format with several faults, which are told together with those of the scene.
+#[test]
+fn all_faults_of_a_file_are_told_with_those_of_the_scene() {
+    let ply = String::from_utf8(ply_text()).unwrap();
+    let ply = ply.replace("\n1 0 0", "\n1 x 0").replace("4 0 1 2 3", "4 0 -1 2 7");
+    let floats = |count: usize| {
+        let pixels = |at: exr::math::Vec2<usize>| (-(at.x() as f32), 1.0_f32, 1.0_f32);
+        let mut bytes = Cursor::new(Vec::new());
+        let image = exr::prelude::Image::from_channels((count + 1, 1), exr::prelude::SpecificChannels::rgb(pixels));
+        image.write().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    };
+    for (name, bytes, expected) in [
+        (
+            "a.obj",
+            b"v 0 0 x\nvw 1\nv 1 0 0\nf 1 2\n".to_vec(),
+            &[
+                "a.obj:1: `v`: `x`",
+                "a.obj:2: unknown statement `vw`",
+                "a.obj:4: a face has",
+            ][..],
+        ),
+        (
+            "a.ply",
+            ply.into_bytes(),
+            &["a.ply:16: `x` is not", "a.ply:20: face 1: -1", "a.ply: vertex index 7"],
+        ),
+        (
+            "a.spd",
+            b"400 1 1\n500 x\n".to_vec(),
+            &["a.spd:1: expected a wavelength", "a.spd:2: `x` is not a number"],
+        ),
+        (
+            "a.exr",
+            floats(2),
+            &["a.exr: texel (1, 0) is [-1.0, 1.0, 1.0]", "a.exr: texel (2, 0)"],
+        ),
+        (
+            "b.exr",
+            floats(13),
+            &[
+                "b.exr: texel (1, 0)",
+                "b.exr: texel (2, 0)",
+                "b.exr: texel (3, 0)",
+                "b.exr: texel (4, 0)",
+                "b.exr: texel (5, 0)",
+                "b.exr: texel (6, 0)",
+                "b.exr: texel (7, 0)",
+                "b.exr: texel (8, 0)",
+                "b.exr: texel (9, 0)",
+                "b.exr: texel (10, 0)",
+                "b.exr: and 3 more faults",
+            ],
+        ),
+    ] {
+        let scene = scene_with(name)
+            .replace("a.spd", name)
+            .replace("</scene>", "<shape type='spheer'/></scene>");
+        let files = BTreeMap::from([("main.xml".to_owned(), scene.into_bytes()), (name.to_owned(), bytes)]);
+        let faults = Scene::load(&files, "main.xml", &BTreeMap::new(), &small()).unwrap_err();
+        let mut told: Vec<String> = faults.all().iter().map(ToString::to_string).collect();
+        let other = "main.xml:2: <shape>: unknown type `spheer`; did you mean `sphere`?";
+        let place = told.iter().position(|fault| fault.starts_with(other));
+        told.remove(place.unwrap_or_else(|| panic!("{faults}")));
+        assert_eq!(told.len(), expected.len(), "{faults}");
+        for (fault, start) in told.iter().zip(expected) {
+            assert!(fault.starts_with(start), "{start} in {faults}");
+        }
+    }
+}
+
 /// CRC-32 as PNG has it (ISO 3309), bit by bit.
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |crc, byte| {

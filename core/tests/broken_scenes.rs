@@ -82,6 +82,95 @@ fn broken_bodies_name_their_line() {
     assert!(cases.count() > 100);
 }
 
+/// The faults of a body, each without its place, `main.xml:5: `.
+fn told(body: &str) -> Vec<String> {
+    let files = files(&scene(body), &[]);
+    let faults = Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default()).expect_err(body);
+    let message = |fault: &SceneError| {
+        let message = fault.to_string();
+        let rest = message.strip_prefix("main.xml:5: ");
+        rest.unwrap_or_else(|| panic!("{body}\n{message}")).to_owned()
+    };
+    faults.all().iter().map(message).collect()
+}
+
+#[test]
+fn all_bad_attributes_of_an_element_are_told() {
+    for (body, expected) in [
+        (
+            "<shape type='sphere'><float nme='radius' value='big' vlue='1'/></shape>",
+            &[
+                "<float>: unknown attribute `nme`; did you mean `name`? allowed: name, value",
+                "<float>: unknown attribute `vlue`; did you mean `value`? allowed: name, value",
+                "<float> value: `big` is not a number",
+            ][..],
+        ),
+        (
+            "<shape type='sphere'><float/></shape>",
+            &[
+                "<float>: attribute `name` is missing",
+                "<float>: attribute `value` is missing",
+            ],
+        ),
+        (
+            "<shape type='sphere'><point name='center' x='a' y='1' z='$c'/></shape>",
+            &[
+                "<point> z: unknown parameter `c`; allowed: none",
+                "<point name=\"center\"> x: `a` is not a number",
+            ],
+        ),
+        (
+            "<shape type='sphere'><point name='center' value='1 2' x='1' y='2'/></shape>",
+            &[
+                "<point name=\"center\"> x: it cannot be combined with `value`",
+                "<point name=\"center\"> y: it cannot be combined with `value`",
+                "<point name=\"center\"> value: expected one or three numbers, found 2",
+            ],
+        ),
+        // Each operation of a transform, and what lies within one.
+        (
+            "<shape type='sphere'><transform name='to_world'><translate x='a' y='b'/><turn/><scale value='0'/>\
+             <rotate x='1' angel='3'><float/></rotate></transform></shape>",
+            &[
+                "<translate> x: `a` is not a number",
+                "<translate> y: `b` is not a number",
+                "<transform>: unknown element `turn`; allowed: translate, rotate, scale, matrix, lookat",
+                "<scale> value: the transform has no finite inverse, or the last row of its matrix is not 0 0 0 1",
+                "<rotate>: unknown attribute `angel`; did you mean `angle`? allowed: x, y, z, value, angle",
+                "<rotate>: unknown element `float`; allowed: none",
+            ],
+        ),
+        // An object whose attributes are wrong is read on, with a type or without one.
+        (
+            "<shape type='sphere' colour='red' size='2'><float name='radios' value='1'/></shape>",
+            &[
+                "<shape>: unknown attribute `colour`; allowed: type, id, name",
+                "<shape>: unknown attribute `size`; allowed: type, id, name",
+                "<shape type=\"sphere\">: unknown property `radios`; did you mean `radius`? allowed: center, flip_normals, \
+                 radius, to_world",
+            ],
+        ),
+        (
+            "<shape tpye='sphere'><float name='radius' value='x'/></shape>",
+            &[
+                "<shape>: unknown attribute `tpye`; did you mean `type`? allowed: type, id, name",
+                "<float name=\"radius\"> value: `x` is not a number",
+            ],
+        ),
+        (
+            "<default nam='a' value='1'/><ref idd='a'/><alias is='b'/><include/>",
+            &[
+                "<default>: unknown attribute `nam`; did you mean `name`? allowed: name, value",
+                "<ref>: unknown attribute `idd`; did you mean `id`? allowed: id, name",
+                "<alias>: unknown attribute `is`; did you mean `id`? allowed: id, as",
+                "<include>: attribute `filename` is missing",
+            ],
+        ),
+    ] {
+        assert_eq!(told(body), expected, "{body}");
+    }
+}
+
 #[test]
 fn broken_cameras_and_films_name_their_line() {
     for (kind, fragment, sensor) in [

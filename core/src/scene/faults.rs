@@ -1,6 +1,6 @@
 //! All faults of a scene, found in one reading.
 
-use super::error::{SceneError, within};
+use super::error::{Place, SceneError, within};
 use std::cell::RefCell;
 use std::fmt;
 
@@ -62,6 +62,18 @@ impl Faults {
         Ok(())
     }
 
+    /// Notes all faults but the last, which comes back; so does one that ends the reading.
+    pub(crate) fn all_but_last(&self, faults: Vec<SceneError>) -> SceneError {
+        let mut faults = faults.into_iter();
+        let mut last = faults.next().expect("who failed has a fault");
+        for fault in faults {
+            if let Err(end) = self.note(std::mem::replace(&mut last, fault)) {
+                return end;
+            }
+        }
+        last
+    }
+
     pub(crate) fn any(&self) -> bool {
         !self.0.borrow().is_empty()
     }
@@ -75,5 +87,53 @@ impl Faults {
             Err(last) => faults.push(last),
         }
         Err(SceneFaults(faults))
+    }
+}
+
+/// The most faults of one mesh, image or spectrum file that are told.
+const MOST_OF_FILE: usize = 10;
+
+/// Faults beyond those that are told, after which a file is not read on.
+const MOST_OTHERS: u64 = 1000;
+
+/// Faults of one mesh, image or spectrum file.
+#[derive(Debug, Default)]
+pub(crate) struct FileFaults {
+    told: Vec<SceneError>,
+    /// How many more there are.
+    others: u64,
+}
+
+impl FileFaults {
+    /// Notes a fault, so that reading can go on.
+    ///
+    /// # Errors
+    /// A fault that ends the reading: there are too many.
+    pub(crate) fn note(&mut self, fault: SceneError) -> Result<(), SceneError> {
+        if self.told.len() < MOST_OF_FILE {
+            self.told.push(fault);
+        } else if self.others < MOST_OTHERS {
+            self.others += 1;
+        } else {
+            let reason = format!("and more than {MOST_OTHERS} more faults; the file was not read on");
+            self.others = 0;
+            return Err(SceneError::data(&Place::whole(fault.file()), reason));
+        }
+        Ok(())
+    }
+
+    /// The result of a reading, if nothing was noted, or all faults.
+    pub(crate) fn settle<T>(mut self, result: Result<T, SceneError>) -> Result<T, Vec<SceneError>> {
+        let last = match result {
+            Ok(value) if self.told.is_empty() => return Ok(value),
+            Ok(_) => None,
+            Err(last) => Some(last),
+        };
+        if let (1.., Some(first)) = (self.others, self.told.first()) {
+            let reason = format!("and {} more faults", self.others);
+            self.told.push(SceneError::data(&Place::whole(first.file()), reason));
+        }
+        self.told.extend(last);
+        Err(self.told)
     }
 }

@@ -1,6 +1,7 @@
 //! Images: PNG, JPEG, BMP, TGA and Radiance HDR by the `image` crate, OpenEXR by `exr`, all into linear colour.
 
 use super::error::{Place, SceneError, within};
+use super::faults::FileFaults;
 use super::loader::LoadedFile;
 use crate::math::pow;
 use crate::spectrum::Spectrum;
@@ -27,7 +28,29 @@ pub(crate) fn is_encoded(bytes: &[u8]) -> bool {
 }
 
 /// Decodes an image of at most `texel_limit` texels. `raw`: 8- and 16-bit values are linear already, not sRGB.
-pub(crate) fn read(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage, SceneError> {
+pub(crate) fn read(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage, Vec<SceneError>> {
+    let mut faults = FileFaults::default();
+    let image = decode(file, raw, texel_limit).and_then(|image| {
+        check_texels(&image, &Place::whole(&file.name), &mut faults)?;
+        Ok(image)
+    });
+    faults.settle(image)
+}
+
+fn check_texels(image: &LinearImage, place: &Place, faults: &mut FileFaults) -> Result<(), SceneError> {
+    let broken = image.texels.iter().enumerate().filter(|(_, texel)| !texel.is_valid());
+    for (index, texel) in broken {
+        let (x, y) = (index % image.width, index / image.width);
+        let reason = format!(
+            "texel ({x}, {y}) is {:?}: colours are finite and not negative",
+            texel.to_rgb()
+        );
+        faults.note(SceneError::data(place, reason))?;
+    }
+    Ok(())
+}
+
+fn decode(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage, SceneError> {
     let place = Place::whole(&file.name);
     let check_size = |width: u64, height: u64| {
         if width == 0 || height == 0 {
@@ -35,18 +58,11 @@ pub(crate) fn read(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<Lin
         }
         within(&place, "number of texels", width.saturating_mul(height), texel_limit).map(|_| ())
     };
-    let image = if file.bytes.starts_with(&EXR) {
-        read_exr(file, &place, check_size)?
+    if file.bytes.starts_with(&EXR) {
+        read_exr(file, &place, check_size)
     } else {
-        read_other(file, &place, raw, texel_limit, check_size)?
-    };
-    if let Some(index) = image.texels.iter().position(|texel| !texel.is_valid()) {
-        let (x, y) = (index % image.width, index / image.width);
-        let rgb = image.texels[index].to_rgb();
-        let reason = format!("texel ({x}, {y}) is {rgb:?}: colours are finite and not negative");
-        return Err(SceneError::data(&place, reason));
+        read_other(file, &place, raw, texel_limit, check_size)
     }
-    Ok(image)
 }
 
 fn read_other(
@@ -267,19 +283,19 @@ mod tests {
     #[test]
     fn size_is_checked_before_decoding() {
         let png = encoded(ImageFormat::Png, &DynamicImage::new_rgb8(20, 20));
-        let error = read(&file("a.png", &png), false, 399).unwrap_err();
+        let faults = read(&file("a.png", &png), false, 399).unwrap_err();
         assert!(
             matches!(
-                error,
-                SceneError::Limit {
+                faults[..],
+                [SceneError::Limit {
                     value: 400,
                     limit: 399,
                     ..
-                }
+                }]
             ),
-            "{error}"
+            "{faults:?}"
         );
-        let error = read(&file("a.png", b"garbage"), false, 399).unwrap_err();
-        assert!(matches!(error, SceneError::Data { .. }), "{error}");
+        let faults = read(&file("a.png", b"garbage"), false, 399).unwrap_err();
+        assert!(matches!(faults[..], [SceneError::Data { .. }]), "{faults:?}");
     }
 }

@@ -124,7 +124,7 @@ impl Builder<'_, '_> {
         if plugin != "serialized" || read.is_err() {
             self.meshes.bytes += file.bytes.len() as u64;
         }
-        let raw = read?;
+        let raw = read.map_err(|found| self.description.faults.all_but_last(found))?;
         self.meshes.triangles += raw.triangles.len() as u64;
         self.meshes.vertices += raw.positions.len() as u64;
         let broken = |reason| SceneError::data(&source.place, format!("{reason} (used at {})", reader.place()));

@@ -128,7 +128,8 @@ impl Builder<'_, '_> {
             return Ok(bitmap.clone());
         }
         let left = self.loader.limits.texels.saturating_sub(self.texels);
-        let image = image::read(&file, raw, left)?;
+        let image = image::read(&file, raw, left);
+        let image = image.map_err(|found| self.description.faults.all_but_last(found))?;
         self.texels += image.texels.len() as u64;
         let (width, height, texels) = (image.width, image.height, image.texels);
         let bitmap = Arc::new(Bitmap {

@@ -13,6 +13,7 @@ mod serialized;
 pub(crate) use finish::{LARGEST_COORDINATE, finish};
 
 use super::error::{Place, SceneError, within};
+use super::faults::FileFaults;
 use super::limits::Limits;
 use super::loader::LoadedFile;
 use crate::math::{Vec2, Vec3};
@@ -99,20 +100,31 @@ impl<'a> MeshFile<'a> {
     }
 
     /// Reads a Wavefront OBJ file. `flip_v`: texture coordinates run downwards.
-    pub(crate) fn obj(&self, flip_v: bool) -> Result<RawMesh, SceneError> {
-        self.charge()?;
-        obj::read(self, flip_v)
+    pub(crate) fn obj(&self, flip_v: bool) -> Result<RawMesh, Vec<SceneError>> {
+        self.read(|faults| {
+            self.charge()?;
+            obj::read(self, flip_v, faults)
+        })
     }
 
     /// Reads a PLY file.
-    pub(crate) fn ply(&self, flip_v: bool) -> Result<RawMesh, SceneError> {
-        self.charge()?;
-        ply::read(self, flip_v)
+    pub(crate) fn ply(&self, flip_v: bool) -> Result<RawMesh, Vec<SceneError>> {
+        self.read(|faults| {
+            self.charge()?;
+            ply::read(self, flip_v, faults)
+        })
     }
 
     /// Reads mesh number `index` of a Mitsuba `.serialized` file, and whether it asks for face normals.
-    pub(crate) fn serialized(&self, index: u32, flip_v: bool) -> Result<(RawMesh, bool), SceneError> {
-        serialized::read(self, index, flip_v)
+    pub(crate) fn serialized(&self, index: u32, flip_v: bool) -> Result<(RawMesh, bool), Vec<SceneError>> {
+        self.read(|faults| serialized::read(self, index, flip_v, faults))
+    }
+
+    /// What `reader` reads. It notes the faults after which it can go on, and returns one that ends the reading.
+    fn read<T>(&self, reader: impl FnOnce(&mut FileFaults) -> Result<T, SceneError>) -> Result<T, Vec<SceneError>> {
+        let mut faults = FileFaults::default();
+        let result = reader(&mut faults);
+        faults.settle(result)
     }
 }
 
@@ -130,8 +142,12 @@ mod tests {
         read(&MeshFile::new(&file, &Limits::default(), MeshTotals::default()))
     }
 
-    pub(super) fn mesh_error(result: Result<RawMesh, SceneError>, line: u32, reason: &str) {
-        let error = result.expect_err(reason);
+    /// Holds a reading to its only fault.
+    pub(super) fn mesh_error(result: Result<RawMesh, Vec<SceneError>>, line: u32, reason: &str) {
+        let errors = result.expect_err(reason);
+        let [error] = &errors[..] else {
+            panic!("{errors:?}");
+        };
         assert!(matches!(error, SceneError::Data { .. }), "{error:?}");
         assert_eq!((error.file(), error.line().unwrap_or(0)), ("mesh", line), "{error}");
         assert!(error.to_string().contains(reason), "{error}");

@@ -1,8 +1,10 @@
 //! Wavefront OBJ: `v`, `vt`, `vn` and `f`. Polygons become fans; groups, smoothing groups and materials are ignored.
+//! Of each line the first fault is told.
 
 use super::{MeshFile, RawMesh};
 use crate::math::{Vec2, Vec3};
-use crate::scene::error::SceneError;
+use crate::scene::error::{SceneError, nearest, shortened};
+use crate::scene::faults::FileFaults;
 use crate::scene::text;
 use std::collections::HashMap;
 
@@ -39,10 +41,9 @@ struct ObjReader {
     triangles: Vec<[u32; 3]>,
 }
 
-pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError> {
+pub(super) fn read(file: &MeshFile, flip_v: bool, faults: &mut FileFaults) -> Result<RawMesh, SceneError> {
     let mut reader = ObjReader::default();
     for (number, line) in text::lines(file.bytes) {
-        let broken = |reason: String| file.broken(number, reason);
         let hash = line.iter().position(|byte| *byte == b'#').unwrap_or(line.len());
         let line = line[..hash].trim_ascii();
         let end = line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len());
@@ -50,14 +51,10 @@ pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError>
         if end == 0 || IGNORED.iter().any(|name| name.as_bytes() == &line[..end]) {
             continue;
         }
-        let line = std::str::from_utf8(line).map_err(|_| broken("the line is not text".into()))?;
-        let (keyword, rest) = line.split_at(end);
-        let words = rest.split_ascii_whitespace();
-        let statement = Statement { keyword, words };
-        reader.statement(statement, flip_v).map_err(broken)?;
-        if keyword == "f" {
-            file.check_triangles(reader.triangles.len() as u64)?;
+        if let Err(reason) = reader.line(line, end, flip_v) {
+            faults.note(file.broken(number, reason))?;
         }
+        file.check_triangles(reader.triangles.len() as u64)?;
         file.check_vertices(reader.positions.len().max(reader.corners.len()) as u64)?;
     }
     Ok(reader.finish())
@@ -76,41 +73,60 @@ impl Statement<'_> {
                 .words
                 .next()
                 .ok_or_else(|| format!("`{}` needs {N} numbers", self.keyword))?;
-            *number = word.parse().ok().filter(|n: &f32| n.is_finite()).ok_or_else(|| {
-                format!(
-                    "`{}`: `{}` is not a finite number",
-                    self.keyword,
-                    word.chars().take(40).collect::<String>()
-                )
-            })?;
+            *number = word
+                .parse()
+                .ok()
+                .filter(|n: &f32| n.is_finite())
+                .ok_or_else(|| format!("`{}`: `{}` is not a finite number", self.keyword, shortened(word)))?;
         }
         Ok(numbers)
     }
 }
 
 impl ObjReader {
+    /// Reads a line whose keyword ends at `end`.
+    fn line(&mut self, line: &[u8], end: usize, flip_v: bool) -> Result<(), String> {
+        let line = std::str::from_utf8(line).map_err(|_| "the line is not text")?;
+        let (keyword, rest) = line.split_at(end);
+        let words = rest.split_ascii_whitespace();
+        self.statement(Statement { keyword, words }, flip_v)
+    }
+
+    /// A vertex, normal or texture coordinate that cannot be read counts nevertheless: faces further on mean what they meant.
     fn statement(&mut self, mut statement: Statement, flip_v: bool) -> Result<(), String> {
         match statement.keyword {
-            "v" => self.positions.push(Vec3::from_array(statement.numbers()?)),
+            "v" => {
+                let position = statement.numbers();
+                self.positions
+                    .push(Vec3::from_array(position.clone().unwrap_or_default()));
+                position.map(|_| ())
+            }
             "vn" => {
                 // A normal without direction is a missing one.
-                let normal = Vec3::from_array(statement.numbers()?);
-                self.normals.push(normal.normalize_or_zero());
+                let normal = statement.numbers();
+                let vector = Vec3::from_array(normal.clone().unwrap_or_default());
+                self.normals.push(vector.normalize_or_zero());
+                normal.map(|_| ())
             }
             "vt" => {
-                let [u, v] = statement.numbers()?;
+                let uv = statement.numbers();
+                let [u, v] = uv.clone().unwrap_or_default();
                 self.uvs.push(Vec2::new(u, if flip_v { 1.0 - v } else { v }));
+                uv.map(|_| ())
             }
-            "f" => self.face(statement.words)?,
+            "f" => self.face(statement.words),
             other => {
-                let other: String = other.chars().take(40).collect();
-                return Err(format!(
-                    "unknown statement `{other}`; read: v, vt, vn, f; ignored: {}",
+                let read = ["v", "vt", "vn", "f"];
+                let hint = nearest(other, read.into_iter().chain(IGNORED));
+                let hint = hint.map_or(String::new(), |name| format!(" did you mean `{name}`?"));
+                Err(format!(
+                    "unknown statement `{}`;{hint} read: {}; ignored: {}",
+                    shortened(other),
+                    read.join(", "),
                     IGNORED.join(", ")
-                ));
+                ))
             }
         }
-        Ok(())
     }
 
     fn face<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Result<(), String> {
@@ -200,7 +216,7 @@ mod tests {
     use super::super::tests::{mesh_error, with_file};
     use super::*;
 
-    fn parse(text: &str) -> Result<RawMesh, SceneError> {
+    fn parse(text: &str) -> Result<RawMesh, Vec<SceneError>> {
         with_file(text.as_bytes(), |file| file.obj(true))
     }
 
@@ -238,6 +254,40 @@ mod tests {
             mesh_error(parse(text), line, reason);
         }
         mesh_error(with_file(b"v 1 2 \xff\n", |file| file.obj(true)), 1, "not text");
+    }
+
+    /// Later faces count a vertex that cannot be read: 4 is the one after it.
+    #[test]
+    fn every_broken_line_is_told() {
+        let text = "v 0 0 0\nv 1 x 0\nvn 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 4\nf 1 2 5\nfo 1 2\nf 2 3 4\n";
+        let told: Vec<String> = parse(text).unwrap_err().iter().map(ToString::to_string).collect();
+        assert_eq!(told.len(), 4, "{told:?}");
+        for (fault, expected) in told.iter().zip([
+            "mesh:2: `v`: `x` is not a finite number",
+            "mesh:3: `vn` needs 3 numbers",
+            "mesh:7: vertex index 5 is out of range: the file has 4 up to here",
+            "mesh:8: unknown statement `fo`; did you mean `f`?",
+        ]) {
+            assert!(fault.starts_with(expected), "{fault}");
+        }
+    }
+
+    #[test]
+    fn of_many_faults_the_first_are_told_and_the_others_counted() {
+        let told = |lines| parse(&"v\n".repeat(lines)).unwrap_err();
+        assert_eq!(told(10).len(), 10);
+        let faults = told(30);
+        assert_eq!((faults.len(), faults[9].line()), (11, Some(10)));
+        assert_eq!(faults[10].to_string(), "mesh: and 20 more faults");
+        let faults = told(5000);
+        assert_eq!(faults.len(), 11);
+        assert!(
+            faults[10]
+                .to_string()
+                .starts_with("mesh: and more than 1000 more faults"),
+            "{}",
+            faults[10]
+        );
     }
 
     /// A byte order mark, names in Latin-1, lone CRs, and normals without direction.

@@ -4,7 +4,9 @@
 use super::{MeshFile, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
+use crate::scene::faults::FileFaults;
 use crate::scene::text;
+use std::collections::BTreeSet;
 
 /// The longest header.
 const HEADER_BYTES: usize = 1 << 16;
@@ -100,7 +102,7 @@ struct Header {
     lines: u32,
 }
 
-pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError> {
+pub(super) fn read(file: &MeshFile, flip_v: bool, faults: &mut FileFaults) -> Result<RawMesh, SceneError> {
     let header = header(file)?;
     let mut body = Body {
         file,
@@ -108,6 +110,7 @@ pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError>
         rest: &file.bytes[header.bytes..],
         line_end: header.line_end,
         line: header.lines + 1,
+        faults,
     };
     let mut mesh = RawMesh::default();
     for element in &header.elements {
@@ -127,11 +130,10 @@ pub(super) fn read(file: &MeshFile, flip_v: bool) -> Result<RawMesh, SceneError>
         return Err(file.broken(0, "the file has no vertices"));
     }
     let count = mesh.positions.len() as u32;
-    if let Some(bad) = mesh.triangles.iter().flatten().find(|index| **index >= count) {
-        return Err(file.broken(
-            0,
-            format!("vertex index {bad} is out of range: the file has {count} vertices"),
-        ));
+    let beyond = mesh.triangles.iter().flatten().filter(|index| **index >= count);
+    for bad in beyond.collect::<BTreeSet<_>>() {
+        let reason = format!("vertex index {bad} is out of range: the file has {count} vertices");
+        body.faults.note(file.broken(0, reason))?;
     }
     Ok(mesh)
 }
@@ -232,12 +234,31 @@ struct Body<'a, 'f> {
     rest: &'a [u8],
     line_end: LineEnd,
     line: u32,
+    faults: &'a mut FileFaults,
 }
 
 impl Body<'_, '_> {
     fn broken(&self, reason: impl Into<String>) -> SceneError {
         self.file
             .broken(if self.encoding == Encoding::Text { self.line } else { 0 }, reason)
+    }
+
+    /// Notes what is wrong with a number or a face; the next ones can be read nevertheless.
+    fn note(&mut self, result: Result<(), String>) -> Result<(), SceneError> {
+        match result {
+            Ok(()) => Ok(()),
+            Err(reason) => self.faults.note(self.broken(reason)),
+        }
+    }
+
+    /// Calls `store` with a number, or with 0 in place of a broken one, so that no other fault follows from it.
+    fn store(
+        &mut self,
+        number: Result<f64, String>,
+        store: impl FnOnce(f64) -> Result<(), String>,
+    ) -> Result<(), SceneError> {
+        let stored = store(*number.as_ref().unwrap_or(&0.0));
+        self.note(number.and(stored))
     }
 
     /// Refuses a count that the rest of the file cannot hold.
@@ -274,22 +295,24 @@ impl Body<'_, '_> {
         for (index, property) in element.properties.iter().enumerate() {
             let Some(length) = property.length else {
                 let number = self.number(property.scalar)?;
-                value(index, number).map_err(|reason| self.broken(reason))?;
+                self.store(number, |number| value(index, number))?;
                 continue;
             };
-            let length = self.number(length)?;
+            // What follows a broken length cannot be told apart.
+            let length = self.number(length)?.map_err(|reason| self.broken(reason))?;
             if length < 0.0 {
                 return Err(self.broken(format!("a list of length {length}")));
             }
             for _ in 0..length as u64 {
                 let number = self.number(property.scalar)?;
-                item(index, number).map_err(|reason| self.broken(reason))?;
+                self.store(number, |number| item(index, number))?;
             }
         }
         Ok(())
     }
 
-    fn number(&mut self, scalar: Scalar) -> Result<f64, SceneError> {
+    /// The next number, or what is wrong with it; the error ends the reading.
+    fn number(&mut self, scalar: Scalar) -> Result<Result<f64, String>, SceneError> {
         if self.encoding == Encoding::Text {
             return self.text_number(scalar);
         }
@@ -305,7 +328,7 @@ impl Body<'_, '_> {
             bytes[..size].reverse();
         }
         let word = u64::from_le_bytes(bytes);
-        Ok(match scalar {
+        Ok(Ok(match scalar {
             Scalar::I8 => f64::from(word as i8),
             Scalar::U8 => f64::from(word as u8),
             Scalar::I16 => f64::from(word as i16),
@@ -314,10 +337,10 @@ impl Body<'_, '_> {
             Scalar::U32 => f64::from(word as u32),
             Scalar::F32 => f64::from(f32::from_bits(word as u32)),
             Scalar::F64 => f64::from_bits(word),
-        })
+        }))
     }
 
-    fn text_number(&mut self, scalar: Scalar) -> Result<f64, SceneError> {
+    fn text_number(&mut self, scalar: Scalar) -> Result<Result<f64, String>, SceneError> {
         let last = self.line_end.last_byte();
         let start = self.rest.iter().position(|byte| {
             if *byte == last {
@@ -337,7 +360,7 @@ impl Body<'_, '_> {
             Scalar::F64 => text.parse::<f64>().ok(),
             _ => text.parse::<i64>().ok().map(|n| n as f64),
         };
-        number.ok_or_else(|| self.broken(format!("`{text:.40}` is not a number of the property's type")))
+        Ok(number.ok_or_else(|| format!("`{text:.40}` is not a number of the property's type")))
     }
 }
 
@@ -406,19 +429,20 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
         polygon.clear();
         let store = |column: usize, number: f64| {
             if column == list {
-                if number < 0.0 || number > f64::from(u32::MAX) || number.fract() != 0.0 {
+                // A broken corner counts as one, so that no other fault follows from it.
+                let valid = number >= 0.0 && number <= f64::from(u32::MAX) && number.fract() == 0.0;
+                polygon.push(if valid { number as u32 } else { 0 });
+                if !valid {
                     return Err(format!("face {index}: {number} is not a vertex index"));
                 }
-                polygon.push(number as u32);
             }
             Ok(())
         };
         body.record(element, |_, _| Ok(()), store)?;
         if polygon.len() < 3 {
-            return Err(body.broken(format!(
-                "face {index} has {} corners; 3 or more are needed",
-                polygon.len()
-            )));
+            let reason = format!("face {index} has {} corners; 3 or more are needed", polygon.len());
+            body.note(Err(reason))?;
+            continue;
         }
         body.file
             .check_triangles((mesh.triangles.len() + polygon.len()) as u64)?;
@@ -437,7 +461,7 @@ mod tests {
         property float z\nproperty float s\nproperty float t\nelement face 1\n\
         property list uchar int vertex_indices\nend_header\n";
 
-    fn parse(bytes: &[u8]) -> Result<RawMesh, SceneError> {
+    fn parse(bytes: &[u8]) -> Result<RawMesh, Vec<SceneError>> {
         with_file(bytes, |file| file.ply(false))
     }
 
@@ -515,15 +539,20 @@ mod tests {
 
     #[test]
     fn broken_files_are_refused_with_their_line() {
-        let four = "0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n";
+        let three = "1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n";
+        let four = format!("0 0 0 0 0\n{three}");
         for (body, line, reason) in [
             (format!("{HEADER}{four}3 0 1 4"), 0, "out of range"),
             (format!("{HEADER}{four}3 0 1 -1"), 16, "not a vertex index"),
             (format!("{HEADER}{four}2 0 1"), 16, "3 or more"),
             (format!("{HEADER}{four}-1 0 1"), 16, "length -1"),
             (format!("{HEADER}{four}200 0 1"), 16, "too early"),
-            (format!("{HEADER}0 0 nan 0 0\n{four}3 0 1 2"), 12, "not a finite number"),
-            (format!("{HEADER}0 0 x 0 0\n{four}3 0 1 2"), 12, "not a number"),
+            (
+                format!("{HEADER}0 0 nan 0 0\n{three}3 0 1 2"),
+                12,
+                "not a finite number",
+            ),
+            (format!("{HEADER}0 0 x 0 0\n{three}3 0 1 2"), 12, "not a number"),
             (HEADER.replace("float x", "float q"), 12, "ends before"),
             (
                 HEADER.replace("vertex 4", "vertex 0").replace("face 1", "face 0"),
@@ -538,5 +567,26 @@ mod tests {
         ] {
             mesh_error(parse(body.as_bytes()), line, reason);
         }
+    }
+
+    #[test]
+    fn every_broken_number_and_face_is_told() {
+        let header = HEADER.replace("face 1", "face 4");
+        let text =
+            format!("{header}0 0 x 0 0\n1 nan 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n3 0 1 -1\n2 0 1\n4 0 1 2 9\n3 y 0 1\n");
+        let told: Vec<String> = parse(text.as_bytes())
+            .unwrap_err()
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        let expected = [
+            "mesh:12: `x` is not a number of the property's type",
+            "mesh:13: vertex 1: `y` is NaN, not a finite number",
+            "mesh:16: face 0: -1 is not a vertex index",
+            "mesh:17: face 1 has 2 corners; 3 or more are needed",
+            "mesh:19: `y` is not a number of the property's type",
+            "mesh: vertex index 9 is out of range: the file has 4 vertices",
+        ];
+        assert_eq!(told, expected);
     }
 }

@@ -7,6 +7,7 @@
 use super::{MeshFile, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
+use crate::scene::faults::FileFaults;
 use flate2::bufread::ZlibDecoder;
 use std::io::Read;
 
@@ -19,11 +20,17 @@ const DOUBLE: u32 = 0x2000;
 /// The longest name of a mesh [bytes].
 const NAME_BYTES: usize = 4096;
 
-pub(super) fn read(file: &MeshFile, index: u32, flip_v: bool) -> Result<(RawMesh, bool), SceneError> {
+pub(super) fn read(
+    file: &MeshFile,
+    index: u32,
+    flip_v: bool,
+    faults: &mut FileFaults,
+) -> Result<(RawMesh, bool), SceneError> {
     let (version, start) = locate(file, index)?;
     let mut stream = Stream {
         file,
         decoder: ZlibDecoder::new(&file.bytes[start + 4..]),
+        faults,
     };
     let flags = stream.u32()?;
     if version == 4 {
@@ -123,6 +130,7 @@ fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
 struct Stream<'a, 'f> {
     file: &'a MeshFile<'f>,
     decoder: ZlibDecoder<&'a [u8]>,
+    faults: &'a mut FileFaults,
 }
 
 impl Stream<'_, '_> {
@@ -159,37 +167,42 @@ impl Stream<'_, '_> {
             .broken(0, format!("the mesh's name is longer than {NAME_BYTES} bytes")))
     }
 
-    /// Calls `take` with `count` items of `size` bytes.
+    /// Calls `take` with `count` items of `size` bytes, and notes what is wrong with each.
     fn items(
         &mut self,
         count: usize,
         size: usize,
-        mut take: impl FnMut(&[u8]) -> Result<(), SceneError>,
+        mut take: impl FnMut(&[u8]) -> Result<(), String>,
     ) -> Result<(), SceneError> {
         let mut buffer = vec![0; 4096 * size];
         let mut left = count;
         while left > 0 {
             let part = &mut buffer[..left.min(4096) * size];
             self.fill(part)?;
-            part.chunks_exact(size).try_for_each(&mut take)?;
+            for item in part.chunks_exact(size) {
+                if let Err(reason) = take(item) {
+                    self.faults.note(self.file.broken(0, reason))?;
+                }
+            }
             left -= part.len() / size;
         }
         Ok(())
     }
 
     fn floats(&mut self, count: usize, double: bool, what: &str) -> Result<Vec<f32>, SceneError> {
-        let (file, mut floats) = (self.file, Vec::new());
+        let mut floats = Vec::new();
         self.items(count, if double { 8 } else { 4 }, |bytes| {
             let value = if double {
                 f64::from_le_bytes(array(bytes)) as f32
             } else {
                 f32::from_le_bytes(array(bytes))
             };
-            if !value.is_finite() {
-                return Err(file.broken(0, format!("{what}: number {} is not finite", floats.len())));
-            }
             floats.push(value);
-            Ok(())
+            if value.is_finite() {
+                Ok(())
+            } else {
+                Err(format!("{what}: number {} is not finite", floats.len() - 1))
+            }
         })?;
         Ok(floats)
     }
@@ -203,18 +216,17 @@ impl Stream<'_, '_> {
     }
 
     fn triangles(&mut self, count: usize, vertices: u64) -> Result<Vec<[u32; 3]>, SceneError> {
-        let (file, mut triangles) = (self.file, Vec::new());
+        let mut triangles = Vec::new();
         self.items(count, 12, |bytes| {
             let triangle = [0, 4, 8].map(|at| u32::from_le_bytes(array(&bytes[at..])));
-            if let Some(bad) = triangle.iter().find(|index| u64::from(**index) >= vertices) {
-                let number = triangles.len();
-                return Err(file.broken(
-                    0,
-                    format!("triangle {number}: vertex index {bad} is out of range: the mesh has {vertices} vertices"),
-                ));
-            }
             triangles.push(triangle);
-            Ok(())
+            match triangle.iter().find(|index| u64::from(**index) >= vertices) {
+                None => Ok(()),
+                Some(bad) => Err(format!(
+                    "triangle {}: vertex index {bad} is out of range: the mesh has {vertices} vertices",
+                    triangles.len() - 1
+                )),
+            }
         })?;
         Ok(triangles)
     }
@@ -260,11 +272,11 @@ mod tests {
         );
         let over = read(&serialized_file(4, false, 1 << 60, [0, 1, 2], 1), 0);
         assert!(matches!(
-            over,
-            Err(SceneError::Limit {
+            over.unwrap_err()[..],
+            [SceneError::Limit {
                 value: 0x1000_0000_0000_0000,
                 ..
-            })
+            }]
         ));
         let mut table = good.clone();
         let end = table.len();

@@ -3,6 +3,7 @@
 //! DTDs are refused, so there are no entities to expand; the number of nodes, the nesting depth and the length of
 //! filled-in attributes are bounded.
 
+mod attributes;
 mod document;
 mod names;
 mod parameters;
@@ -14,15 +15,15 @@ use super::description::{Child, Description, Kind, Object, ObjectId, Property, V
 use super::error::{Place, SceneError, nearest, within};
 use super::faults::Faults;
 use super::loader::{LoadedFile, Loader};
+use attributes::ElementFaults;
 use document::Document;
 use names::snake_case;
-use parameters::{FillError, Parameters};
+use parameters::Parameters;
 use roxmltree::Node;
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::sync::Arc;
-use transform::Attributes;
 
 /// Reads the scene file `main` and what it includes.
 pub(crate) fn read(
@@ -45,7 +46,8 @@ pub(crate) fn read(
         faults: faults.clone(),
         incomplete: false,
     };
-    reader.file(&file, &place, &[], None, 1)?;
+    let read = reader.file(&file, &place, &[], None, 1);
+    read.map_err(|found| faults.all_but_last(found.into_list()))?;
     if let Some(name) = reader.parameters.first_unnamed().filter(|_| !reader.incomplete) {
         let allowed = reader.parameters.names().filter(|n| !defines.contains_key(*n));
         faults.note(SceneError::unknown(&place, "definitions", "parameter", name, allowed))?;
@@ -87,13 +89,11 @@ impl XmlReader<'_, '_> {
         search: &[String],
         parent: Option<ObjectId>,
         depth: u32,
-    ) -> Result<(), SceneError> {
+    ) -> Result<(), ElementFaults> {
         if self.open_files.contains(&file.name) {
             let chain = list(self.open_files.iter().map(String::as_str).chain([file.name.as_str()]));
-            return Err(SceneError::IncludeCycle {
-                place: place.clone(),
-                chain,
-            });
+            let place = place.clone();
+            return Err(SceneError::IncludeCycle { place, chain }.into());
         }
         self.open_files.push(file.name.clone());
         let result = self.content(file, search, parent, depth);
@@ -107,18 +107,19 @@ impl XmlReader<'_, '_> {
         search: &[String],
         parent: Option<ObjectId>,
         depth: u32,
-    ) -> Result<(), SceneError> {
+    ) -> Result<(), ElementFaults> {
         self.charge(&Place::whole(&file.name), file.bytes.len())?;
         let document = Document::new(file)?;
         let tree = document.parse(self.limits())?;
         let root = tree.root_element();
         let place = document.place(root);
-        let attributes = self.attributes(&document, root, &["version", "type", "id", "name"])?;
-        names::check_version(
-            &place,
-            root.tag_name().name(),
-            attributes.get("version").map(String::as_str),
-        )?;
+        let mut attributes = self.attributes(&document, root, &["version", "type", "id", "name"])?;
+        if let Some(version) = attributes.take("version") {
+            attributes.check(names::check_version(&place, &version));
+        }
+        for fault in attributes.faults {
+            self.faults.note(fault)?;
+        }
         let mut folders = vec![file.folder().to_owned()];
         folders.extend(search.iter().filter(|folder| **folder != file.folder()).cloned());
         match (root.tag_name().name(), parent) {
@@ -151,13 +152,7 @@ impl XmlReader<'_, '_> {
                 result?;
             }
             (name, None) => {
-                return Err(SceneError::unknown(
-                    &place,
-                    "scene file",
-                    "root element",
-                    name,
-                    ["scene"],
-                ));
+                return Err(SceneError::unknown(&place, "scene file", "root element", name, ["scene"]).into());
             }
         }
         Ok(())
@@ -189,27 +184,29 @@ impl XmlReader<'_, '_> {
             let result = if child.is_element() {
                 self.element(context, child)
             } else {
-                document.no_text(child, node.tag_name().name())
+                document.no_text(child, node.tag_name().name()).map_err(Into::into)
             };
-            if let Err(fault) = result {
-                self.note(parent, child, fault)?;
+            if let Err(faults) = result {
+                self.note(parent, child, faults)?;
             }
         }
         Ok(())
     }
 
-    /// Notes a fault of an element within an object; the element counts as left out.
-    fn note(&mut self, parent: ObjectId, element: Node, fault: SceneError) -> Result<(), SceneError> {
+    /// Notes the faults of an element within an object; the element counts as left out.
+    fn note(&mut self, parent: ObjectId, element: Node, faults: ElementFaults) -> Result<(), SceneError> {
         self.objects[parent].faulty.set(true);
-        // A file that is lost may have set any parameter.
-        if self.incomplete && matches!(fault, SceneError::Unknown { what: "parameter", .. }) {
-            return Ok(());
+        for fault in faults.into_list() {
+            // A file that is lost may have set any parameter.
+            if !(self.incomplete && matches!(fault, SceneError::Unknown { what: "parameter", .. })) {
+                self.faults.note(fault)?;
+            }
         }
         self.incomplete |= element.has_tag_name("include") || element.has_attribute("id");
-        self.faults.note(fault)
+        Ok(())
     }
 
-    fn element(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+    fn element(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         let name = node.tag_name().name();
         within(
@@ -236,11 +233,12 @@ impl XmlReader<'_, '_> {
         self.no_children(context.document, node)
     }
 
-    fn object(&mut self, context: Context, node: Node, kind: Kind) -> Result<(), SceneError> {
+    /// Reads an object. One with faulty attributes is read on, for its other faults; without a type it belongs to nothing.
+    fn object(&mut self, context: Context, node: Node, kind: Kind) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         if kind == Kind::Scene {
-            let reason = "a scene cannot lie within another element".to_owned();
-            return Err(SceneError::value(&place, "<scene>", reason));
+            let reason = "a scene cannot lie within another element";
+            return Err(SceneError::value(&place, "<scene>", reason).into());
         }
         let is_root = node.parent().is_some_and(|parent| parent.is_root());
         let allowed: &[&str] = if is_root {
@@ -250,25 +248,31 @@ impl XmlReader<'_, '_> {
         };
         let mut attributes = self.attributes(context.document, node, allowed)?;
         let id = self.objects.len();
+        let plugin = attributes.take("type");
+        if let (Some(name), Some(_)) = (attributes.given.remove("id"), &plugin) {
+            attributes.check(self.define_id(&place, name, id));
+        }
+        if plugin.is_some() {
+            let child = Child {
+                name: attributes.given.remove("name").map(|name| snake_case(&name)),
+                place: place.clone(),
+                target: id,
+            };
+            self.objects[context.parent].children.push(child);
+        }
         self.objects.push(Object {
             kind,
-            plugin: take(&mut attributes, &place, kind.element(), "type")?,
-            place: place.clone(),
+            plugin: plugin.unwrap_or_default(),
+            place,
             search: self.objects[context.parent].search.clone(),
             properties: BTreeMap::new(),
             children: Vec::new(),
-            faulty: Cell::new(false),
+            faulty: Cell::new(!attributes.faults.is_empty()),
         });
-        if let Some(name) = attributes.remove("id") {
-            self.define_id(&place, name, id)?;
+        if !attributes.faults.is_empty() {
+            self.note(context.parent, node, attributes.faults.into())?;
         }
-        let child = Child {
-            name: attributes.remove("name").map(|name| snake_case(&name)),
-            place,
-            target: id,
-        };
-        self.objects[context.parent].children.push(child);
-        self.children(context.document, node, id, context.depth + 1)
+        Ok(self.children(context.document, node, id, context.depth + 1)?)
     }
 
     fn define_id(&mut self, place: &Place, id: String, object: ObjectId) -> Result<(), SceneError> {
@@ -308,23 +312,28 @@ impl XmlReader<'_, '_> {
         Ok(())
     }
 
-    fn default(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+    fn default(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         let mut attributes = self.attributes(context.document, node, &["name", "value"])?;
-        let name = take(&mut attributes, &place, "default", "name")?;
-        if name.is_empty() || name.chars().count() > parameters::LONGEST_NAME {
+        let (name, value) = (attributes.take("name"), attributes.take("value"));
+        if let Some(name) = &name
+            && (name.is_empty() || name.chars().count() > parameters::LONGEST_NAME)
+        {
             let reason = format!("it has 1 to {} characters", parameters::LONGEST_NAME);
-            return Err(SceneError::value(&place, "<default> name", reason));
+            attributes
+                .faults
+                .push(SceneError::value(&place, "<default> name", reason));
         }
-        let value = take(&mut attributes, &place, "default", "value")?;
+        let (name, value) = attributes.settle(name.zip(value))?;
         self.parameters.set_default(&name, &value);
         Ok(())
     }
 
-    fn include(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+    fn include(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         let mut attributes = self.attributes(context.document, node, &["filename"])?;
-        let filename = take(&mut attributes, &place, "include", "filename")?;
+        let filename = attributes.take("filename");
+        let filename = attributes.settle(filename)?;
         self.included += 1;
         within(&place, "number of inclusions", self.included, self.limits().includes)?;
         let search = self.objects[context.parent].search.clone();
@@ -332,17 +341,15 @@ impl XmlReader<'_, '_> {
         self.file(&file, &place, &search, Some(context.parent), context.depth + 1)
     }
 
-    fn path(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+    fn path(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         let mut attributes = self.attributes(context.document, node, &["value"])?;
-        let value = take(&mut attributes, &place, "path", "value")?;
+        let value = attributes.take("value");
         if self.objects[context.parent].kind != Kind::Scene {
-            return Err(SceneError::value(
-                &place,
-                "<path>",
-                "it is allowed directly in <scene> only",
-            ));
+            let reason = "it is allowed directly in <scene> only";
+            attributes.faults.push(SceneError::value(&place, "<path>", reason));
         }
+        let value = attributes.settle(value)?;
         let search = self.objects[context.parent].search.clone();
         let base = search.first().map_or("", String::as_str);
         let joined = if base.is_empty() || value.starts_with('/') {
@@ -365,94 +372,40 @@ impl XmlReader<'_, '_> {
         Ok(())
     }
 
-    fn reference(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+    fn reference(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         let mut attributes = self.attributes(context.document, node, &["id", "name"])?;
-        let id = take(&mut attributes, &place, "ref", "id")?;
+        let name = attributes.given.remove("name").map(|name| snake_case(&name));
+        let id = attributes.take("id");
+        let id = attributes.settle(id)?;
         let children = &mut self.objects[context.parent].children;
         self.references.push((context.parent, children.len(), id));
-        children.push(Child {
-            name: attributes.remove("name").map(|name| snake_case(&name)),
-            place,
-            target: 0,
-        });
+        children.push(Child { name, place, target: 0 });
         Ok(())
     }
 
-    fn alias(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
+    fn alias(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let place = context.document.place(node);
         let mut attributes = self.attributes(context.document, node, &["id", "as"])?;
-        let id = take(&mut attributes, &place, "alias", "id")?;
-        let alias = take(&mut attributes, &place, "alias", "as")?;
+        let (id, alias) = (attributes.take("id"), attributes.take("as"));
+        let (id, alias) = attributes.settle(id.zip(alias))?;
         let Some((object, _)) = self.ids.get(&id) else {
-            return Err(self.no_such_id(place, id, "no object above has this id"));
+            return Err(self.no_such_id(place, id, "no object above has this id").into());
         };
-        self.define_id(&place, alias, *object)
+        Ok(self.define_id(&place, alias, *object)?)
     }
 
-    /// The attributes of an element with parameters filled in; none but `allowed`.
-    fn attributes<'a>(
-        &mut self,
-        document: &Document,
-        node: Node<'a, '_>,
-        allowed: &[&str],
-    ) -> Result<Attributes<'a>, SceneError> {
-        let (place, element) = (document.place(node), node.tag_name().name());
-        let mut attributes = Attributes::new();
-        for attribute in node.attributes() {
-            let name = attribute.name();
-            if !allowed.contains(&name) || attribute.namespace().is_some() {
-                let context = format!("<{element}>");
-                return Err(SceneError::unknown(
-                    &place,
-                    context,
-                    "attribute",
-                    name,
-                    allowed.iter().copied(),
-                ));
-            }
-            let limit = self.limits().attribute_bytes;
-            let filled = self
-                .parameters
-                .fill(attribute.value(), limit as usize)
-                .map_err(|error| match error {
-                    FillError::Undefined(parameter) => {
-                        let context = format!("<{element}> {name}");
-                        SceneError::unknown(&place, context, "parameter", &parameter, self.parameters.names())
-                    }
-                    FillError::TooLong => {
-                        let what = format!("<{element}> {name}: bytes of the filled-in value");
-                        SceneError::Limit {
-                            place: place.clone(),
-                            what,
-                            value: limit + 1,
-                            limit,
-                        }
-                    }
-                })?;
-            if attribute.value().contains('$') {
-                self.charge(&place, filled.len())?;
-            }
-            attributes.insert(name, filled);
-        }
-        Ok(attributes)
-    }
-
-    fn no_children(&self, document: &Document, node: Node) -> Result<(), SceneError> {
-        for child in node.children() {
+    fn no_children(&self, document: &Document, node: Node) -> Result<(), ElementFaults> {
+        let name = node.tag_name().name();
+        let fault = |child: Node| {
             if child.is_element() {
-                let context = format!("<{}>", node.tag_name().name());
-                return Err(SceneError::unknown(
-                    &document.place(child),
-                    context,
-                    "element",
-                    child.tag_name().name(),
-                    [],
-                ));
+                let (place, child) = (document.place(child), child.tag_name().name());
+                return Err(SceneError::unknown(&place, format!("<{name}>"), "element", child, []));
             }
-            document.no_text(child, node.tag_name().name())?;
-        }
-        Ok(())
+            document.no_text(child, name)
+        };
+        let faults: Vec<SceneError> = node.children().filter_map(|child| fault(child).err()).collect();
+        if faults.is_empty() { Ok(()) } else { Err(faults.into()) }
     }
 
     fn no_such_id(&self, place: Place, id: String, problem: &str) -> SceneError {
@@ -489,14 +442,6 @@ impl XmlReader<'_, '_> {
             faults: self.faults,
         })
     }
-}
-
-fn take(attributes: &mut Attributes, place: &Place, element: &str, name: &str) -> Result<String, SceneError> {
-    attributes.remove(name).ok_or_else(|| SceneError::Missing {
-        place: place.clone(),
-        context: format!("<{element}>"),
-        what: format!("attribute `{name}`"),
-    })
 }
 
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {

@@ -28,15 +28,7 @@ pub(super) fn operation(element: &str) -> &str {
 }
 
 /// Checks a file's `version` attribute: 0.4 to 3.x.
-pub(super) fn check_version(place: &Place, element: &str, version: Option<&str>) -> Result<(), SceneError> {
-    let context = format!("<{element}>");
-    let Some(version) = version else {
-        return Err(SceneError::Missing {
-            place: place.clone(),
-            context,
-            what: "attribute `version`".into(),
-        });
-    };
+pub(super) fn check_version(place: &Place, version: &str) -> Result<(), SceneError> {
     let parts: Option<Vec<u32>> = version.trim().split('.').map(|part| part.parse().ok()).collect();
     let known = match parts.as_deref() {
         Some([0, minor] | [0, minor, _]) => *minor >= 4,
@@ -104,14 +96,10 @@ mod tests {
     fn versions_from_0_4_to_3_are_accepted() {
         let place = Place::whole("x");
         for good in ["0.4.0", "0.5.0", "0.6.0", "2.0.0", "2.1.0", "3.0.0", "3.9.1", "0.5"] {
-            assert!(check_version(&place, "scene", Some(good)).is_ok(), "{good}");
+            assert!(check_version(&place, good).is_ok(), "{good}");
         }
         for bad in ["", "0.3.0", "4.0.0", "x", "1.2.3.4", "3.-1"] {
-            assert!(check_version(&place, "scene", Some(bad)).is_err(), "{bad}");
+            assert!(check_version(&place, bad).is_err(), "{bad}");
         }
-        assert!(matches!(
-            check_version(&place, "scene", None),
-            Err(SceneError::Missing { .. })
-        ));
     }
 }

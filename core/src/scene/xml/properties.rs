@@ -1,14 +1,17 @@
 //! Elements that are values: `<float>`, `<rgb>`, `<transform>` and so on.
 
-use super::super::description::Value;
+use super::super::description::{SpectrumValue, Value};
 use super::super::error::{Place, SceneError};
+use super::attributes::{Attributes, ElementFaults};
 use super::document::Document;
-use super::{Context, XmlReader, names, take, transform, values};
+use super::{Context, XmlReader, names, transform, values};
+use crate::math::Transform;
+use glam::DVec3;
 use roxmltree::Node;
 
 impl XmlReader<'_, '_> {
     /// The name and the value of a property's element.
-    pub(super) fn property(&mut self, context: Context, node: Node) -> Result<(String, Value), SceneError> {
+    pub(super) fn property(&mut self, context: Context, node: Node) -> Result<(String, Value), ElementFaults> {
         let (document, place, element) = (context.document, context.document.place(node), node.tag_name().name());
         if element == "point" || element == "vector" {
             return self.vector(document, node);
@@ -18,112 +21,131 @@ impl XmlReader<'_, '_> {
         }
         let scalar = ["float", "integer", "boolean", "string", "rgb"];
         if !scalar.contains(&element) {
-            return Err(names::unknown_element(&place, element));
+            return Err(names::unknown_element(&place, element).into());
         }
         let mut attributes = self.attributes(document, node, &["name", "value"])?;
-        let name = take(&mut attributes, &place, element, "name")?;
-        let text = take(&mut attributes, &place, element, "value")?;
-        let value = match element {
+        let (name, text) = (attributes.take("name"), attributes.take("value"));
+        let value = text.map(|text| match element {
             "float" => values::float(&text).map(Value::Float),
             "integer" => values::integer(&text).map(Value::Integer),
             "boolean" => values::boolean(&text).map(Value::Boolean),
             "rgb" => values::rgb(&text).map(Value::Rgb),
             _ => Ok(Value::String(text)),
-        };
-        named(&place, element, name, value)
+        });
+        let value = value.and_then(|value| named(&mut attributes, name.as_deref(), "value", value));
+        attributes.settle(name.zip(value))
     }
 
-    fn vector(&mut self, document: &Document, node: Node) -> Result<(String, Value), SceneError> {
-        let (place, element) = (document.place(node), node.tag_name().name());
+    fn vector(&mut self, document: &Document, node: Node) -> Result<(String, Value), ElementFaults> {
+        const AXES: [&str; 3] = ["x", "y", "z"];
         let mut attributes = self.attributes(document, node, &["name", "value", "x", "y", "z"])?;
-        let name = take(&mut attributes, &place, element, "name")?;
-        let text = if attributes.contains_key("value") {
-            let text = take(&mut attributes, &place, element, "value")?;
-            if let Some(extra) = attributes.keys().next() {
-                let field = format!("<{element} name=\"{name}\"> {extra}");
-                return Err(SceneError::value(&place, field, "it cannot be combined with `value`"));
+        let name = attributes.take("name");
+        let vector = if let Some(text) = attributes.given.remove("value") {
+            for axis in AXES {
+                if attributes.given.contains_key(axis) {
+                    let reason = Err("it cannot be combined with `value`".to_owned());
+                    named::<()>(&mut attributes, name.as_deref(), axis, reason);
+                }
             }
-            text
+            named(&mut attributes, name.as_deref(), "value", values::vector(&text))
         } else {
-            let axes = ["x", "y", "z"].map(|axis| take(&mut attributes, &place, element, axis));
-            axes.into_iter().collect::<Result<Vec<_>, _>>()?.join(" ")
+            let [x, y, z] = AXES.map(|axis| {
+                let text = attributes.take(axis)?;
+                named(&mut attributes, name.as_deref(), axis, values::float(&text))
+            });
+            x.zip(y).zip(z).map(|((x, y), z)| DVec3::new(x, y, z))
         };
-        named(&place, element, name, values::vector(&text).map(Value::Vector))
+        attributes.settle(name.zip(vector.map(Value::Vector)))
     }
 
-    fn spectrum(&mut self, context: Context, node: Node) -> Result<(String, Value), SceneError> {
-        let place = context.document.place(node);
+    fn spectrum(&mut self, context: Context, node: Node) -> Result<(String, Value), ElementFaults> {
         let mut attributes = self.attributes(context.document, node, &["name", "value", "filename"])?;
-        let name = take(&mut attributes, &place, "spectrum", "name")?;
-        match (attributes.get("value"), attributes.get("filename")) {
-            (Some(text), None) => named(&place, "spectrum", name, values::spectrum(text).map(Value::Spectrum)),
-            (None, Some(filename)) => {
-                let search = self.objects[context.parent].search.clone();
-                let file = self.loader.open(&place, &search, filename)?;
-                let spectrum = values::spectrum_file(&file.bytes);
-                spectrum
-                    .map(|spectrum| (name, Value::Spectrum(spectrum)))
-                    .map_err(|(line, reason)| {
-                        SceneError::data(
-                            &Place {
-                                file: file.name.as_str().into(),
-                                line,
-                            },
-                            reason,
-                        )
-                    })
-            }
+        let name = attributes.take("name");
+        let (text, filename) = (attributes.given.remove("value"), attributes.given.remove("filename"));
+        let value = match (text, filename) {
+            (Some(text), None) => named(&mut attributes, name.as_deref(), "value", values::spectrum(&text)),
+            (None, Some(filename)) => match self.spectrum_file(context, &attributes.place, &filename) {
+                Ok(spectrum) => Some(spectrum),
+                Err(faults) => {
+                    attributes.faults.extend(faults.into_list());
+                    None
+                }
+            },
+            (None, None) if attributes.lost => None,
             _ => {
-                let field = format!("<spectrum name=\"{name}\">");
-                Err(SceneError::value(
-                    &place,
-                    field,
-                    "it needs either `value` or `filename`",
-                ))
+                let field = field(&attributes, name.as_deref());
+                let reason = "it needs either `value` or `filename`";
+                attributes
+                    .faults
+                    .push(SceneError::value(&attributes.place, field, reason));
+                None
             }
-        }
+        };
+        attributes.settle(name.zip(value.map(Value::Spectrum)))
     }
 
-    pub(super) fn transform(&mut self, context: Context, node: Node) -> Result<(), SceneError> {
-        let place = context.document.place(node);
+    fn spectrum_file(
+        &mut self,
+        context: Context,
+        place: &Place,
+        filename: &str,
+    ) -> Result<SpectrumValue, ElementFaults> {
+        let search = self.objects[context.parent].search.clone();
+        let file = self.loader.open(place, &search, filename)?;
+        Ok(values::spectrum_file(&file)?)
+    }
+
+    pub(super) fn transform(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let mut attributes = self.attributes(context.document, node, &["name"])?;
-        let name = take(&mut attributes, &place, "transform", "name")?;
+        let name = attributes.take("name");
         let mut total = transform::identity();
         for child in node.children() {
-            if !child.is_element() {
-                context.document.no_text(child, "transform")?;
-                continue;
+            let operation = if child.is_element() {
+                self.operation(context, child, &total)
+            } else {
+                let text = context.document.no_text(child, "transform");
+                text.map(|()| total).map_err(Into::into)
+            };
+            match operation {
+                Ok(map) => total = map,
+                Err(faults) => attributes.faults.extend(faults.into_list()),
             }
-            let (place, element) = (context.document.place(child), names::operation(child.tag_name().name()));
-            let Some((_, allowed)) = transform::OPERATIONS.iter().find(|(name, _)| *name == element) else {
-                let allowed = transform::OPERATIONS.iter().map(|(name, _)| *name);
-                return Err(SceneError::unknown(&place, "<transform>", "element", element, allowed));
-            };
-            let attributes = self.attributes(context.document, child, allowed)?;
-            self.no_children(context.document, child)?;
-            let wrong = |(attribute, reason): (&str, String)| {
-                SceneError::value(&place, format!("<{element}> {attribute}"), reason)
-            };
-            let operation = transform::operation(element, &attributes).map_err(wrong)?;
-            let reason = "the transforms up to here have no finite inverse".to_owned();
-            total = transform::checked(&operation.after(&total)).ok_or_else(|| wrong(("", reason)))?;
         }
-        self.set(context.parent, &place, &name, Value::Transform(Box::new(total)))
+        let place = attributes.place.clone();
+        let name = attributes.settle(name)?;
+        Ok(self.set(context.parent, &place, &name, Value::Transform(Box::new(total)))?)
+    }
+
+    /// The transform `before` followed by an operation.
+    fn operation(&mut self, context: Context, node: Node, before: &Transform) -> Result<Transform, ElementFaults> {
+        let (place, element) = (context.document.place(node), names::operation(node.tag_name().name()));
+        let Some((_, allowed)) = transform::OPERATIONS.iter().find(|(name, _)| *name == element) else {
+            let allowed = transform::OPERATIONS.iter().map(|(name, _)| *name);
+            return Err(SceneError::unknown(&place, "<transform>", "element", element, allowed).into());
+        };
+        let mut attributes = self.attributes(context.document, node, allowed)?;
+        if let Err(faults) = self.no_children(context.document, node) {
+            attributes.faults.extend(faults.into_list());
+        }
+        let wrong =
+            |(attribute, reason): (&str, String)| SceneError::value(&place, format!("<{element}> {attribute}"), reason);
+        let map = transform::operation(element, &attributes.given, attributes.lost);
+        let map = map.map_err(|faults| attributes.faults.extend(faults.into_iter().map(wrong)));
+        let map = attributes.settle(map.ok())?;
+        let reason = "the transforms up to here have no finite inverse".to_owned();
+        Ok(transform::checked(&map.after(before)).ok_or_else(|| wrong(("", reason)))?)
     }
 }
 
-/// A value with its name, or the error about it.
-fn named(
-    place: &Place,
-    element: &str,
-    name: String,
-    value: Result<Value, String>,
-) -> Result<(String, Value), SceneError> {
-    match value {
-        Ok(value) => Ok((name, value)),
-        Err(reason) => {
-            let field = format!("<{element} name=\"{name}\"> value");
-            Err(SceneError::value(place, field, reason))
-        }
-    }
+/// The value of an attribute; what is wrong with it is collected, by the property's name.
+fn named<T>(attributes: &mut Attributes, name: Option<&str>, attribute: &str, value: Result<T, String>) -> Option<T> {
+    let field = format!("{} {attribute}", field(attributes, name));
+    let value = value.map_err(|reason| SceneError::value(&attributes.place, field, reason));
+    attributes.check(value)
+}
+
+/// The element as in messages: `<float name="radius">`.
+fn field(attributes: &Attributes, name: Option<&str>) -> String {
+    let element = attributes.element;
+    name.map_or(format!("<{element}>"), |name| format!("<{element} name=\"{name}\">"))
 }

@@ -1,11 +1,9 @@
 //! Transforms: the operations of a `<transform>`, applied one after the other.
 
+use super::attributes::Values;
 use super::values;
 use crate::math::Transform;
 use glam::{DMat3, DMat4, DVec3, DVec4};
-
-/// The attributes of an operation by name, parameters filled in.
-pub(super) type Attributes<'a> = std::collections::BTreeMap<&'a str, String>;
 
 /// Operations by element name, with the attributes that each may have.
 pub(super) const OPERATIONS: [(&str, &[&str]); 5] = [
@@ -16,108 +14,144 @@ pub(super) const OPERATIONS: [(&str, &[&str]); 5] = [
     ("lookat", &["origin", "target", "up"]),
 ];
 
-/// The map of one operation, or the attribute that is wrong and why.
-pub(super) fn operation(name: &str, attributes: &Attributes) -> Result<Transform, (&'static str, String)> {
+/// Attributes that are wrong, and why.
+type Faults = Vec<(&'static str, String)>;
+
+/// The attributes of an operation, and what is wrong with them.
+struct Reader<'a> {
+    attributes: &'a Values<'a>,
+    /// Whether some attribute is not among them: one that seems to be missing may be that one.
+    lost: bool,
+    faults: Faults,
+}
+
+/// The map of one operation, or all attributes that are wrong. `lost`: attributes were given that cannot be read.
+pub(super) fn operation(name: &str, attributes: &Values, lost: bool) -> Result<Transform, Faults> {
+    let mut reader = Reader {
+        attributes,
+        lost,
+        faults: Faults::new(),
+    };
     let matrix = match name {
-        "translate" => DMat4::from_translation(components(attributes, 0.0)?),
-        "scale" => DMat4::from_scale(components(attributes, 1.0)?),
-        "rotate" => rotation(components(attributes, 0.0)?, required(attributes, "angle")?)?,
-        "matrix" => matrix(required(attributes, "value")?)?,
-        _ => look_at(attributes)?,
+        "translate" => reader.components(0.0).map(DMat4::from_translation),
+        "scale" => reader.components(1.0).map(DMat4::from_scale),
+        "rotate" => reader.rotation(),
+        "matrix" => reader.matrix(),
+        _ => reader.look_at(),
+    };
+    let Some(matrix) = matrix.filter(|_| reader.faults.is_empty()) else {
+        return Err(reader.faults);
     };
     let at_fault = if name == "lookat" { "target" } else { "value" };
-    Transform::from_matrix(matrix).ok_or_else(|| {
-        (
-            at_fault,
-            "the transform has no finite inverse, or the last row of its matrix is not 0 0 0 1".into(),
+    let reason = "the transform has no finite inverse, or the last row of its matrix is not 0 0 0 1";
+    Transform::from_matrix(matrix).ok_or_else(|| vec![(at_fault, reason.into())])
+}
+
+impl Reader<'_> {
+    fn wrong<T>(&mut self, name: &'static str, reason: impl Into<String>) -> Option<T> {
+        self.faults.push((name, reason.into()));
+        None
+    }
+
+    /// The value of the attribute `name` by `parse`. It must be there.
+    fn required<T>(&mut self, name: &'static str, parse: impl Fn(&str) -> Result<T, String>) -> Option<T> {
+        match self.attributes.get(name).map(|text| parse(text)) {
+            Some(Ok(value)) => Some(value),
+            Some(Err(reason)) => self.wrong(name, reason),
+            None if self.lost => None,
+            None => self.wrong(name, "it is missing"),
+        }
+    }
+
+    /// `x`, `y` and `z`, each `default` where left out, or a `value` for all three.
+    fn components(&mut self, default: f64) -> Option<DVec3> {
+        let given = |axis: &&str| self.attributes.contains_key(axis);
+        let axes: Vec<&'static str> = ["x", "y", "z"].into_iter().filter(given).collect();
+        if self.attributes.contains_key("value") {
+            if !axes.is_empty() {
+                self.wrong::<()>("value", "it cannot be combined with `x`, `y` and `z`");
+            }
+            return self.required("value", values::vector);
+        }
+        let mut component = |axis| {
+            if axes.contains(&axis) {
+                self.required(axis, values::float)
+            } else {
+                Some(default)
+            }
+        };
+        let (x, y, z) = (component("x"), component("y"), component("z"));
+        Some(DVec3::new(x?, y?, z?))
+    }
+
+    /// Rotation about an axis by an angle in degrees (Rodrigues).
+    fn rotation(&mut self) -> Option<DMat4> {
+        let (axis, angle) = (self.components(0.0), self.required("angle", values::float));
+        let Some(axis) = axis?.try_normalize() else {
+            return if self.lost {
+                None
+            } else {
+                self.wrong("value", "the axis of rotation is zero")
+            };
+        };
+        let (sin, cos) = libm::sincos(angle?.to_radians());
+        let cross = DMat3::from_cols(
+            DVec3::new(0.0, axis.z, -axis.y),
+            DVec3::new(-axis.z, 0.0, axis.x),
+            DVec3::new(axis.y, -axis.x, 0.0),
+        );
+        let outer = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        Some(DMat4::from_mat3(
+            DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos),
+        ))
+    }
+
+    /// 16 or 9 numbers by rows.
+    fn matrix(&mut self) -> Option<DMat4> {
+        let numbers = self.required("value", values::floats)?;
+        if let Ok(rows) = <[f64; 16]>::try_from(numbers.as_slice()) {
+            return Some(DMat4::from_cols_array(&rows).transpose());
+        }
+        if let Ok(rows) = <[f64; 9]>::try_from(numbers.as_slice()) {
+            return Some(DMat4::from_mat3(DMat3::from_cols_array(&rows).transpose()));
+        }
+        self.wrong(
+            "value",
+            format!("a matrix has 16 or 9 numbers, found {}", numbers.len()),
         )
-    })
-}
-
-fn required<'a>(attributes: &'a Attributes, name: &'static str) -> Result<&'a str, (&'static str, String)> {
-    attributes
-        .get(name)
-        .map(String::as_str)
-        .ok_or((name, "it is missing".into()))
-}
-
-/// `x`, `y` and `z`, each `default` where left out, or a `value` for all three.
-fn components(attributes: &Attributes, default: f64) -> Result<DVec3, (&'static str, String)> {
-    if let Some(value) = attributes.get("value") {
-        if ["x", "y", "z"].iter().any(|axis| attributes.contains_key(axis)) {
-            return Err(("value", "it cannot be combined with `x`, `y` and `z`".into()));
-        }
-        return values::vector(value).map_err(|reason| ("value", reason));
     }
-    let mut vector = DVec3::splat(default);
-    for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
-        if let Some(text) = attributes.get(axis) {
-            vector[i] = values::float(text).map_err(|reason| (axis, reason))?;
-        }
-    }
-    Ok(vector)
-}
 
-/// Rotation about `axis` by an angle in degrees (Rodrigues).
-fn rotation(axis: DVec3, angle: &str) -> Result<DMat4, (&'static str, String)> {
-    let angle = values::float(angle).map_err(|reason| ("angle", reason))?;
-    let axis = axis
-        .try_normalize()
-        .ok_or(("value", "the axis of rotation is zero".to_owned()))?;
-    let (sin, cos) = libm::sincos(angle.to_radians());
-    let cross = DMat3::from_cols(
-        DVec3::new(0.0, axis.z, -axis.y),
-        DVec3::new(-axis.z, 0.0, axis.x),
-        DVec3::new(axis.y, -axis.x, 0.0),
-    );
-    let outer = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-    Ok(DMat4::from_mat3(
-        DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos),
-    ))
-}
-
-/// 16 or 9 numbers by rows.
-fn matrix(text: &str) -> Result<DMat4, (&'static str, String)> {
-    let numbers = values::floats(text).map_err(|reason| ("value", reason))?;
-    if let Ok(rows) = <[f64; 16]>::try_from(numbers.as_slice()) {
-        return Ok(DMat4::from_cols_array(&rows).transpose());
+    /// The frame of a camera at `origin` that looks along +z at `target`.
+    fn look_at(&mut self) -> Option<DMat4> {
+        let three = |text: &str| match values::floats(text)?[..] {
+            [x, y, z] => Ok(DVec3::new(x, y, z)),
+            ref numbers => Err(format!("expected three numbers, found {}", numbers.len())),
+        };
+        let (origin, target) = (self.required("origin", three), self.required("target", three));
+        let up = self.attributes.contains_key("up").then(|| self.required("up", three));
+        let (origin, target) = (origin?, target?);
+        let Some(forward) = (target - origin).try_normalize() else {
+            return self.wrong("target", "it is the same point as `origin`");
+        };
+        let up = match up {
+            Some(given) => given?,
+            None => any_perpendicular(forward),
+        };
+        let left = up
+            .cross(forward)
+            .try_normalize()
+            .filter(|_| up.cross(forward).length() > 1e-12 * up.length());
+        let Some(left) = left else {
+            return self.wrong("up", "it is zero or parallel to the direction of view");
+        };
+        let up = forward.cross(left);
+        Some(DMat4::from_cols(
+            left.extend(0.0),
+            up.extend(0.0),
+            forward.extend(0.0),
+            origin.extend(1.0),
+        ))
     }
-    if let Ok(rows) = <[f64; 9]>::try_from(numbers.as_slice()) {
-        return Ok(DMat4::from_mat3(DMat3::from_cols_array(&rows).transpose()));
-    }
-    Err((
-        "value",
-        format!("a matrix has 16 or 9 numbers, found {}", numbers.len()),
-    ))
-}
-
-/// The frame of a camera at `origin` that looks along +z at `target`.
-fn look_at(attributes: &Attributes) -> Result<DMat4, (&'static str, String)> {
-    let read = |name: &'static str| match values::floats(required(attributes, name)?) {
-        Ok(v) if v.len() == 3 => Ok(DVec3::new(v[0], v[1], v[2])),
-        Ok(v) => Err((name, format!("expected three numbers, found {}", v.len()))),
-        Err(reason) => Err((name, reason)),
-    };
-    let (origin, target) = (read("origin")?, read("target")?);
-    let forward = (target - origin)
-        .try_normalize()
-        .ok_or(("target", "it is the same point as `origin`".to_owned()))?;
-    let up = match attributes.get("up") {
-        Some(_) => read("up")?,
-        None => any_perpendicular(forward),
-    };
-    let left = up
-        .cross(forward)
-        .try_normalize()
-        .filter(|_| up.cross(forward).length() > 1e-12 * up.length());
-    let left = left.ok_or(("up", "it is zero or parallel to the direction of view".to_owned()))?;
-    let up = forward.cross(left);
-    Ok(DMat4::from_cols(
-        left.extend(0.0),
-        up.extend(0.0),
-        forward.extend(0.0),
-        origin.extend(1.0),
-    ))
 }
 
 fn any_perpendicular(v: DVec3) -> DVec3 {
@@ -140,7 +174,7 @@ mod tests {
     use super::*;
     use crate::math::Vec3;
 
-    fn attributes<'a>(pairs: &[(&'a str, &str)]) -> Attributes<'a> {
+    fn attributes<'a>(pairs: &[(&'a str, &str)]) -> Values<'a> {
         pairs.iter().map(|(name, value)| (*name, (*value).to_owned())).collect()
     }
 
@@ -150,16 +184,16 @@ mod tests {
 
     #[test]
     fn rotation_turns_counter_clockwise_about_its_axis() {
-        let turn = operation("rotate", &attributes(&[("z", "2"), ("angle", "90")])).unwrap();
+        let turn = operation("rotate", &attributes(&[("z", "2"), ("angle", "90")]), false).unwrap();
         assert!(near(turn.vector(Vec3::X), Vec3::Y));
-        let turn = operation("rotate", &attributes(&[("value", "1,1,1"), ("angle", "120")])).unwrap();
+        let turn = operation("rotate", &attributes(&[("value", "1,1,1"), ("angle", "120")]), false).unwrap();
         assert!(near(turn.vector(Vec3::X), Vec3::Y) && near(turn.vector(Vec3::Y), Vec3::Z));
     }
 
     #[test]
     fn look_at_maps_z_to_the_direction_and_x_to_the_left() {
         let view = attributes(&[("origin", "1, 2, 3"), ("target", "1 2 2"), ("up", "0 1 0")]);
-        let camera = operation("lookat", &view).unwrap();
+        let camera = operation("lookat", &view, false).unwrap();
         assert!(near(camera.point(Vec3::ZERO), Vec3::new(1.0, 2.0, 3.0)));
         assert!(near(camera.vector(Vec3::Z), -Vec3::Z));
         assert!(near(camera.vector(Vec3::X), -Vec3::X));
@@ -168,9 +202,14 @@ mod tests {
 
     #[test]
     fn matrices_come_by_rows() {
-        let m = operation("matrix", &attributes(&[("value", "0 -1 0  1 0 0  0 0 1")])).unwrap();
+        let m = operation("matrix", &attributes(&[("value", "0 -1 0  1 0 0  0 0 1")]), false).unwrap();
         assert!(near(m.point(Vec3::X), Vec3::Y));
-        let m = operation("matrix", &attributes(&[("value", "1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1")])).unwrap();
+        let m = operation(
+            "matrix",
+            &attributes(&[("value", "1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1")]),
+            false,
+        )
+        .unwrap();
         assert!(near(m.point(Vec3::ZERO), Vec3::new(5.0, 6.0, 7.0)));
     }
 
@@ -185,7 +224,32 @@ mod tests {
             ("lookat", &[("origin", "0 0 0"), ("target", "0 1 0"), ("up", "0 1 0")]),
             ("translate", &[("x", "1"), ("value", "2")]),
         ] {
-            assert!(operation(name, &attributes(pairs)).is_err(), "{name} {pairs:?}");
+            assert!(operation(name, &attributes(pairs), false).is_err(), "{name} {pairs:?}");
+        }
+    }
+
+    #[test]
+    fn every_bad_attribute_is_named() {
+        for (name, pairs, lost, expected) in [
+            (
+                "translate",
+                &[("x", "a"), ("y", "1"), ("z", "b")][..],
+                false,
+                &["x", "z"][..],
+            ),
+            ("scale", &[("x", "1"), ("value", "a")], false, &["value", "value"]),
+            ("rotate", &[("y", "a")], false, &["y", "angle"]),
+            ("rotate", &[("y", "a")], true, &["y"]),
+            (
+                "lookat",
+                &[("origin", "a"), ("up", "1 2")],
+                false,
+                &["origin", "target", "up"],
+            ),
+        ] {
+            let faults = operation(name, &attributes(pairs), lost).unwrap_err();
+            let named: Vec<&str> = faults.iter().map(|(attribute, _)| *attribute).collect();
+            assert_eq!(named, expected, "{name} {pairs:?}");
         }
     }
 }

@@ -1,7 +1,9 @@
 //! Numbers, lists and colours inside attribute values.
 
 use super::super::description::SpectrumValue;
-use super::super::error::shortened;
+use super::super::error::{Place, SceneError, shortened};
+use super::super::faults::FileFaults;
+use super::super::loader::LoadedFile;
 use super::super::text;
 use glam::DVec3;
 
@@ -83,25 +85,38 @@ pub(super) fn spectrum(text: &str) -> Result<SpectrumValue, String> {
     sampled(parts.iter().map(pair).collect::<Result<_, String>>()?)
 }
 
-/// A spectrum file: one `wavelength value` pair a line, `#` starts a comment. The error comes with its line.
-pub(super) fn spectrum_file(bytes: &[u8]) -> Result<SpectrumValue, (u32, String)> {
+/// A spectrum file: one `wavelength value` pair a line, `#` starts a comment.
+pub(super) fn spectrum_file(file: &LoadedFile) -> Result<SpectrumValue, Vec<SceneError>> {
+    let mut faults = FileFaults::default();
+    let pairs = pairs(file, &mut faults);
+    faults.settle(pairs).and_then(|pairs| {
+        let broken = |reason| vec![SceneError::data(&Place::whole(&file.name), reason)];
+        sampled(pairs).map_err(broken)
+    })
+}
+
+fn pairs(file: &LoadedFile, faults: &mut FileFaults) -> Result<Vec<(f64, f64)>, SceneError> {
+    let pair = |line: &[u8]| {
+        let line = std::str::from_utf8(line).map_err(|_| "the line is not text")?;
+        match floats(line)?[..] {
+            [wavelength, value] => Ok((wavelength, value)),
+            ref values => Err(format!("expected a wavelength and a value, found {}", values.len())),
+        }
+    };
     let mut pairs = Vec::new();
-    for (number, line) in text::lines(bytes) {
-        if line.starts_with(b"#") || line.trim_ascii().is_empty() {
+    for (line, text) in text::lines(&file.bytes) {
+        if text.starts_with(b"#") || text.trim_ascii().is_empty() {
             continue;
         }
-        let line = std::str::from_utf8(line).map_err(|_| (number, "the line is not text".to_owned()))?;
-        match floats(line).map_err(|reason| (number, reason))?[..] {
-            [wavelength, value] => pairs.push((wavelength, value)),
-            ref values => {
-                return Err((
-                    number,
-                    format!("expected a wavelength and a value, found {}", values.len()),
-                ));
+        match pair(text) {
+            Ok(pair) => pairs.push(pair),
+            Err(reason) => {
+                let file = file.name.as_str().into();
+                faults.note(SceneError::data(&Place { file, line }, reason))?;
             }
         }
     }
-    sampled(pairs).map_err(|reason| (0, reason))
+    Ok(pairs)
 }
 
 fn sampled(pairs: Vec<(f64, f64)>) -> Result<SpectrumValue, String> {
@@ -152,15 +167,21 @@ mod tests {
         for bad in ["", "400:1", "1 2 3", "700:1 400:1", "400:nan 700:1"] {
             assert!(spectrum(bad).is_err(), "{bad}");
         }
-        assert_eq!(
-            spectrum_file(b"# a\n400 1\n\n700 2\n").ok(),
-            spectrum("400:1 700:2").ok()
-        );
-        assert_eq!(spectrum_file(b"400 1\n500\n").map_err(|e| e.0), Err(2));
-        assert_eq!(spectrum_file(b"400 1\r\xff\r").map_err(|e| e.0), Err(2));
-        assert_eq!(
-            spectrum_file(b"\xef\xbb\xbf# \xe9\r400 1\r\n700 2").ok(),
-            spectrum("400:1 700:2").ok()
-        );
+    }
+
+    #[test]
+    fn spectrum_files_have_a_pair_a_line() {
+        let read = |bytes: &[u8]| {
+            spectrum_file(&LoadedFile {
+                name: "a.spd".into(),
+                bytes: bytes.into(),
+            })
+        };
+        let lines = |bytes| -> Vec<Option<u32>> { read(bytes).unwrap_err().iter().map(SceneError::line).collect() };
+        let expected = spectrum("400:1 700:2").unwrap();
+        assert_eq!(read(b"# a\n400 1\n\n700 2\n").unwrap(), expected);
+        assert_eq!(read(b"\xef\xbb\xbf# \xe9\r400 1\r\n700 2").unwrap(), expected);
+        assert_eq!(lines(b"400 1\n500\n600 x\n700 1\r\xff\r"), [Some(2), Some(3), Some(5)]);
+        assert_eq!(lines(b"700 1\n400 1\n"), [None]);
     }
 }
