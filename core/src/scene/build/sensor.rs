@@ -89,7 +89,7 @@ pub(super) fn names(description: &Description, sensors: &[ObjectId]) -> String {
 /// The most sensors that a message lists.
 const MOST_NAMES: usize = 20;
 
-/// What Mitsuba shows of a scene without a sensor: all of it, from outside along +z, with a field of view of 45 degrees.
+/// The view of a scene without a sensor, which Mitsuba refuses: all of it, from outside along +z, with a field of view of 45 degrees.
 pub(super) fn default_view(geometry: &Geometry) -> View {
     let (lower, upper) = geometry.bounds();
     let (center, extent) = (0.5 * (lower + upper), (upper - lower).max_element());
