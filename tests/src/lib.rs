@@ -4,4 +4,5 @@ pub mod farm;
 pub mod fuzz;
 pub mod processes;
 pub mod proxy;
+pub mod scenes;
 pub mod statistics;

@@ -5,10 +5,10 @@
 
 use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::{Moments, ZTest};
-use std::collections::BTreeMap;
 
 /// Probability with which a comparison of equal means fails.
 const FALSE_ALARMS: f64 = 1e-4;
@@ -26,8 +26,7 @@ fn load(shapes: &str, fov: f32, origin: &str, target: &str) -> Scene {
             {shapes}
         </scene>"#
     );
-    let files = BTreeMap::from([("scene.xml".to_owned(), xml.into_bytes())]);
-    Scene::load(&files, "scene.xml", &BTreeMap::new(), &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
+    scenes::of_text(&xml).expect("the scene loads")
 }
 
 /// Holds the mean radiance of the image against `expected`, which the kernels' bias may miss by the share `bias`.
@@ -96,37 +95,32 @@ fn pcf(sigma1: f32, photons: u32, max_depth: Option<u32>) -> IntegratorSettings 
 
 /// Inside a sphere that emits `Le` and reflects the share `rho`, radiance is `Le / (1 - rho)` everywhere: here 1 / (1 - 0.5).
 /// The disc of radius sigma holds the cap of a sphere of radius 1 whose area differs by a share below sigma^2.
-#[test]
-fn uniform_sphere() {
-    let shapes = r#"<shape type="sphere">
+fn check_sphere(outside: &str) {
+    let sphere = r#"<shape type="sphere">
         <boolean name="flip_normals" value="true"/>
         <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
         <emitter type="area"><rgb name="radiance" value="1"/></emitter>
     </shape>"#;
-    let scene = load(shapes, 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
+    let scene = load(&format!("{sphere}{outside}"), 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
     check(&scene, &path(None), 64, 2.0, 0.0);
     check(&scene, &pppm(0.1, None), 64, 2.0, 0.01);
     check(&scene, &sppm(0.1, None), 64, 2.0, 0.01);
     check(&scene, &pcf(0.1, 20_000, None), 64, 2.0, 0.01);
 }
 
-/// The same sphere with a sun outside, 80 million times as strong: its light stays outside, and the lamp inside must be found all the
-/// same.
+#[test]
+fn uniform_sphere() {
+    check_sphere("");
+}
+
+/// A sun outside is 80 million times as strong: its light stays outside, and the lamp inside must be found all the same.
 #[test]
 fn uniform_sphere_with_a_sun_outside() {
-    let lamp = r#"<shape type="sphere">
-        <boolean name="flip_normals" value="true"/>
-        <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
-        <emitter type="area"><rgb name="radiance" value="1"/></emitter>
-    </shape>"#;
-    let sun = r#"<emitter type="directional">
-        <vector name="direction" value="0, -1, 0"/><rgb name="irradiance" value="1e9"/>
-    </emitter>"#;
-    let scene = load(&format!("{lamp}{sun}"), 60.0, "0.1, 0.2, -0.3", "0, 0, 1");
-    check(&scene, &path(None), 64, 2.0, 0.0);
-    check(&scene, &pppm(0.1, None), 64, 2.0, 0.01);
-    check(&scene, &sppm(0.1, None), 64, 2.0, 0.01);
-    check(&scene, &pcf(0.1, 20_000, None), 64, 2.0, 0.01);
+    check_sphere(
+        r#"<emitter type="directional">
+            <vector name="direction" value="0, -1, 0"/><rgb name="irradiance" value="1e9"/>
+        </emitter>"#,
+    );
 }
 
 /// A room whose walls emit 0.4 and reflect 0.8 shows 2 everywhere, 1.28 of it by photons. The image shows an edge and the walls up to 0.3

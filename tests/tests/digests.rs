@@ -2,20 +2,20 @@
 //! change means them to. With the variable UPDATE set, the test writes the file.
 
 use photonfarm_core::integrator::{Unobserved, render_next};
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
 };
-use std::collections::BTreeMap;
+use photonfarm_tests::scenes;
 use std::path::Path;
 
 const SCENES: [&str; 6] = [
-    "diffuse-box.xml",
-    "environment.xml",
-    "mirror-glass.xml",
-    "orthographic.xml",
-    "spot-sun.xml",
-    "textures.xml",
+    "diffuse-box",
+    "environment",
+    "mirror-glass",
+    "orthographic",
+    "spot-sun",
+    "textures",
 ];
 
 const HEAD: &str = "# BLAKE3 digests of the pixels of small images: scene, integrator, digest. Written by\n\
@@ -76,13 +76,11 @@ fn digest(scene: &Scene, settings: &IntegratorSettings) -> String {
 #[test]
 fn images_have_the_bits_that_are_written_down() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let files = SceneFolder::new(&folder.join("scenes")).expect("the scenes are there");
-    let defines = BTreeMap::from([("res".to_owned(), "12".to_owned())]);
     let mut page = HEAD.to_owned();
     for name in SCENES {
-        let scene = Scene::load(&files, name, &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"));
+        let scene = scenes::named(name, 12).expect("the scene loads");
         for (integrator, settings) in integrators() {
-            page += &format!("{name} {integrator} {}\n", digest(&scene, &settings));
+            page += &format!("{name}.xml {integrator} {}\n", digest(&scene, &settings));
         }
     }
     let path = folder.join("digests.txt");

@@ -6,13 +6,13 @@
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene, SceneFiles, SceneFolder};
+use photonfarm_core::scene::{Limits, Scene, SceneFiles};
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
 };
+use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::{Moments, ZTest};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 /// Probability with which a comparison of equal estimators fails.
@@ -24,12 +24,8 @@ const SIZE: usize = 24;
 /// Pixels of a block, across and down.
 const BLOCK: usize = 6;
 
-fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes")
-}
-
 fn load(name: &str) -> Scene {
-    load_from(&SceneFolder::new(&folder()).expect("the scenes are there"), name)
+    scenes::named(name, SIZE).expect("the scene loads")
 }
 
 fn load_from(files: &dyn SceneFiles, name: &str) -> Scene {
@@ -151,12 +147,12 @@ fn check_against(scene: &Scene, truth: &Moments, max_depth: u32, lookups: &[Look
 const MIRROR_GLASS_DEPTH: u32 = 8;
 
 /// The reference of two tests.
-static MIRROR_GLASS: LazyLock<Moments> = LazyLock::new(|| reference(&load("mirror-glass.xml"), MIRROR_GLASS_DEPTH));
+static MIRROR_GLASS: LazyLock<Moments> = LazyLock::new(|| reference(&load("mirror-glass"), MIRROR_GLASS_DEPTH));
 
 #[test]
 fn diffuse_box_agrees_with_path_tracing() {
     check_all(
-        "diffuse-box.xml",
+        "diffuse-box",
         6,
         &[(LookupVertex::Auto, 0.03, 8.0), (LookupVertex::Fixed(2), 0.05, 12.0)],
     );
@@ -165,7 +161,7 @@ fn diffuse_box_agrees_with_path_tracing() {
 #[test]
 fn mirror_and_glass_agree_with_path_tracing() {
     check_against(
-        &load("mirror-glass.xml"),
+        &load("mirror-glass"),
         &MIRROR_GLASS,
         MIRROR_GLASS_DEPTH,
         &[
@@ -179,7 +175,7 @@ fn mirror_and_glass_agree_with_path_tracing() {
 #[test]
 fn point_light_agrees_with_path_tracing() {
     check_all(
-        "point-light.xml",
+        "point-light",
         6,
         &[(LookupVertex::Auto, 0.03, 8.0), (LookupVertex::Fixed(2), 0.05, 12.0)],
     );
@@ -187,7 +183,7 @@ fn point_light_agrees_with_path_tracing() {
 
 #[test]
 fn environment_light_agrees_with_path_tracing() {
-    check_all("environment.xml", 8, &[(LookupVertex::Auto, 0.04, 10.0)]);
+    check_all("environment", 8, &[(LookupVertex::Auto, 0.04, 10.0)]);
 }
 
 /// Camera connections aim at the camera: at a lens, which has an extent, and against parallel rays. Aimed elsewhere they
@@ -216,7 +212,7 @@ fn check_camera_connections(scene: &Scene) {
 
 #[test]
 fn a_lens_has_camera_connections() {
-    let text = std::fs::read_to_string(folder().join("diffuse-box.xml")).expect("the scene is there");
+    let text = std::fs::read_to_string(scenes::folder().join("diffuse-box.xml")).expect("the scene is there");
     let pinhole = "<sensor type=\"perspective\">";
     let lens = "<sensor type='thinlens'><float name='aperture_radius' value='0.4'/>\
                 <float name='focus_distance' value='4'/>";
@@ -227,14 +223,14 @@ fn a_lens_has_camera_connections() {
 
 #[test]
 fn an_orthographic_camera_has_camera_connections() {
-    check_camera_connections(&load("orthographic.xml"));
+    check_camera_connections(&load("orthographic"));
 }
 
 /// The numbers that jobs use by default: points of a Sobol' sequence, whose estimates have the same mean.
 #[test]
 fn low_discrepancy_numbers_agree_with_independent_ones() {
     const DEPTH: u32 = MIRROR_GLASS_DEPTH;
-    let scene = load("mirror-glass.xml");
+    let scene = load("mirror-glass");
     let with = |settings: IntegratorSettings| {
         let sampling = Sampling::Sobol;
         match settings {
@@ -301,7 +297,7 @@ fn globe(center: [f64; 3], radius: f64) -> String {
 #[test]
 fn a_coarse_mesh_with_smooth_normals_agrees_with_path_tracing() {
     const DEPTH: u32 = 8;
-    let text = std::fs::read_to_string(folder().join("mirror-glass.xml")).expect("the scene is there");
+    let text = std::fs::read_to_string(scenes::folder().join("mirror-glass.xml")).expect("the scene is there");
     let begin = text.find("<shape type=\"sphere\">").expect("the scene has spheres");
     let balls = r#"<shape type="obj"><string name="filename" value="glass.obj"/><ref id="glass"/></shape>
         <shape type="obj"><string name="filename" value="clay.obj"/><ref id="ochre"/></shape></scene>"#;

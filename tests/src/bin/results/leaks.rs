@@ -3,13 +3,11 @@
 use crate::Options;
 use crate::csv;
 use crate::render::{each, progress};
-use anyhow::{Context, Result, anyhow};
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use anyhow::{Context, Result};
 use photonfarm_core::settings::{IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings};
 use photonfarm_core::spectrum::Spectrum;
-use std::collections::BTreeMap;
+use photonfarm_tests::scenes;
 use std::fmt::Write;
-use std::path::Path;
 
 /// Pixels across and down.
 const SIZE: usize = 32;
@@ -26,7 +24,7 @@ const LAMP_OVER_MEDIAN: f64 = 4.0;
 /// Writes `leaks.csv` and `leaks.md` to the folder `options.out`.
 pub(crate) fn run(options: &Options) -> Result<()> {
     let runs: u32 = if options.small { 8 } else { 64 };
-    let scene = load()?;
+    let scene = scenes::named("diffuse-box", SIZE)?;
     let reference = IntegratorSettings::Path(PathSettings {
         samples: 64,
         max_depth: Some(5),
@@ -62,13 +60,6 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     }
     bar.finish();
     write(options, runs, &rows)
-}
-
-fn load() -> Result<Scene> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let files = SceneFolder::new(&folder).context("the test scenes")?;
-    let defines = BTreeMap::from([("res".to_owned(), SIZE.to_string())]);
-    Scene::load(&files, "diffuse-box.xml", &defines, &Limits::default()).map_err(|e| anyhow!("{e}"))
 }
 
 /// Mean luminance of each block over the images, with its squared standard error.

@@ -1,20 +1,12 @@
 //! Renders iterations, many at a time, and keeps what is asked of each.
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use indicatif::{ProgressBar, ProgressStyle};
 use photonfarm_core::integrator::{Iteration, Unobserved, render_iteration};
-use photonfarm_core::scene::{Limits, Scene};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_core::spectrum::Spectrum;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
-
-/// A scene from its XML text; it has no other files.
-pub(crate) fn scene_of(xml: &str) -> Result<Scene> {
-    let files = BTreeMap::from([("scene.xml".to_owned(), xml.as_bytes().to_vec())]);
-    Scene::load(&files, "scene.xml", &BTreeMap::new(), &Limits::default())
-        .map_err(|e| anyhow!("{e}\nin the scene\n{xml}"))
-}
 
 /// A bar that counts to `length` under the heading `name`.
 pub(crate) fn progress(name: &str, length: u64) -> ProgressBar {

@@ -3,13 +3,11 @@
 use crate::Options;
 use crate::csv;
 use crate::render::{each, progress};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
-use std::collections::BTreeMap;
+use photonfarm_tests::scenes;
 use std::fmt::Write;
-use std::path::Path;
 
 const SCENES: [&str; 3] = ["diffuse-box", "mirror-glass", "environment"];
 
@@ -30,7 +28,7 @@ pub(crate) fn run(options: &Options) -> Result<()> {
     let bar = progress("sampling", (SCENES.len() * 3 * 2 * seeds * last) as u64);
     let mut rows = Vec::new();
     for name in SCENES {
-        let scene = load(name)?;
+        let scene = scenes::named(name, SIZE)?;
         for integrator in ["path", "pppm", "pcf"] {
             let [independent, sobol] = [Sampling::Independent, Sampling::Sobol].map(|sampling| {
                 let jobs: Vec<(u64, u32)> = (1..=seeds as u64)
@@ -75,13 +73,6 @@ struct Row {
     image: Ratio,
     /// Root mean square error of a pixel over the picture's mean, independent sampling.
     independent: f64,
-}
-
-fn load(name: &str) -> Result<Scene> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let defines = BTreeMap::from([("res".to_owned(), SIZE.to_string())]);
-    let files = SceneFolder::new(&folder).with_context(|| format!("cannot open {}", folder.display()))?;
-    Scene::load(&files, &format!("{name}.xml"), &defines, &Limits::default()).map_err(|e| anyhow!("{e}"))
 }
 
 /// Bandwidths are chosen by the integrators, as in most jobs.

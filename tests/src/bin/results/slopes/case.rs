@@ -1,6 +1,5 @@
 //! What is measured: scenes whose radiance and whose kernel averages are known, and the exponents that theory gives.
 
-use crate::render::scene_of;
 use anyhow::Result;
 use photonfarm_core::integrator::{Bandwidth, bandwidth};
 use photonfarm_core::material::TransportMode;
@@ -8,6 +7,7 @@ use photonfarm_core::math::{Frame, Vec2, Vec3};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PcfSettings, PppmSettings};
+use photonfarm_tests::scenes;
 use std::f64::consts::{PI, TAU};
 
 /// First spatial bandwidth [scene units].
@@ -75,7 +75,7 @@ impl Varies {
                     .to_owned(),
             ),
         };
-        scene_of(&format!(
+        scenes::of_text(&format!(
             r#"<scene version="3.0.0">
                 <sensor type="perspective">
                     <float name="fov" value="0.01"/>
