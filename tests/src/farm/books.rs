@@ -72,8 +72,8 @@ impl Stores {
         age(&self.images, SystemTime::now() - Duration::from_secs(7200));
     }
 
-    /// Nobody uses the stores now. Every image that counts is whole and belongs to a known job, and there is nothing
-    /// else.
+    /// Nobody uses the stores now. Every image that counts and every picture is whole and belongs to a known job, and there is
+    /// nothing else.
     ///
     /// # Panics
     /// Where that is not so.
@@ -92,6 +92,7 @@ impl Stores {
                 assert_eq!(job.leases.len(), 0, "leases of job {id} are left");
                 let counts = job.nodes.iter().filter(|(_, node)| node.live);
                 named.extend(counts.map(|(_, node)| node.image()));
+                named.extend(state.pictures(id).await.expect("the state"));
             }
             assert_eq!(live, named, "nodes of jobs that nobody sent");
             let there: BTreeSet<BlobName> = nodes
