@@ -5,7 +5,6 @@ use crate::service::{Part, ServiceError};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
-use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::waiting::Waiting;
 use std::fmt::Write;
 use std::sync::atomic::Ordering;
@@ -28,22 +27,19 @@ pub(super) async fn metrics(State(service): State<App>) -> impl IntoResponse {
 
 /// Jobs and workers.
 async fn figures_of_state(service: &App) -> Result<String, ServiceError> {
-    let jobs = service.live_statuses().await?;
+    let figures = service.figures().await?;
     let workers = service.workers().await?;
-    let target_s = service.lease_target_s().await?;
     let mut text = String::new();
     let mut gauge = |name: &str, help: &str, value: u64| single(&mut text, (name, "gauge"), help, value);
-    let going_on = || jobs.iter().filter(|job| !job.spec.schedule.paused);
-    let count = |state: JobState| jobs.iter().filter(|job| job.state == state).count() as u64;
     gauge(
         "jobs_queued",
         "Jobs of which nothing was handed out yet.",
-        count(JobState::Queued),
+        figures.queued,
     );
     gauge(
         "jobs_running",
         "Jobs of which work was handed out.",
-        count(JobState::Running),
+        figures.jobs - figures.queued,
     );
     gauge("workers", "Workers heard of lately.", workers.len() as u64);
     gauge(
@@ -54,15 +50,15 @@ async fn figures_of_state(service: &App) -> Result<String, ServiceError> {
     gauge(
         "pending_iterations",
         "Iterations of jobs that are not paused and that nobody has rendered yet.",
-        going_on().map(pending_iterations).sum(),
+        figures.pending_iterations,
     );
     gauge(
         "pending_leases",
         "Leases of the usual length that the pending iterations make.",
-        going_on().map(|job| pending_leases(job, target_s)).sum(),
+        figures.pending_leases,
     );
-    let waits = |reason: Waiting| jobs.iter().filter(|job| job.waiting_reason == Some(reason)).count();
-    let waiting = Waiting::ALL.map(|reason| (format!("reason=\"{reason}\""), waits(reason) as u64));
+    let waits = |reason: Waiting| figures.waiting.get(&reason).copied().unwrap_or(0);
+    let waiting = Waiting::ALL.map(|reason| (format!("reason=\"{reason}\""), waits(reason)));
     let help = "Jobs that nobody is at work on, by the reason.";
     family(&mut text, ("jobs_waiting", "gauge"), help, &waiting);
     Ok(text)
@@ -125,20 +121,4 @@ fn family(text: &mut String, (name, kind): (&str, &str), help: &str, figures: &[
 // Writing to a string does not fail.
 fn head(text: &mut String, (name, kind): (&str, &str), help: &str) {
     let _ = writeln!(text, "# HELP photonfarm_{name} {help}\n# TYPE photonfarm_{name} {kind}");
-}
-
-fn pending_iterations(job: &JobStatus) -> u64 {
-    u64::from(job.spec.iterations).saturating_sub(job.iterations_rendered)
-}
-
-/// A lease is as many iterations as a worker renders in `target_s` seconds; one, until a speed is known. A chain is worked on by one
-/// worker at a time.
-fn pending_leases(job: &JobStatus, target_s: f64) -> u64 {
-    let speed = job.iterations_per_second.unwrap_or(0.0) / f64::from(job.workers.max(1));
-    let iterations = (speed * target_s).max(1.0);
-    let leases = (pending_iterations(job) as f64 / iterations).ceil() as u64;
-    match job.spec.integrator.with_defaults().is_sequential() {
-        true => leases.min(1),
-        false => leases,
-    }
 }

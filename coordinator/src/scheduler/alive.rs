@@ -10,7 +10,8 @@ impl Farm {
     /// workers that are not heard of.
     #[must_use]
     pub fn restarted(&self) -> Decision<()> {
-        let leases = self.jobs.values().flat_map(|job| job.leases.values());
+        let leased = self.index.leased.keys();
+        let leases = leased.flat_map(|id| self.jobs[id].leases.values());
         let renewals = leases.map(|lease| Renewal {
             job: lease.record.job,
             token: lease.record.token,
@@ -44,16 +45,13 @@ impl Farm {
         let until = now + self.config.lease_ttl_ms;
         let mut lost = Vec::new();
         for progress in leases {
-            let mut jobs = self.jobs.values_mut();
-            match jobs.find(|job| job.lease(progress.token, worker).is_ok()) {
-                Some(job) => {
-                    if let Some(lease) = job.leases.get_mut(&progress.token) {
-                        lease.expires_ms = lease.expires_ms.max(until);
-                        let done = u64::from(progress.leaves_done).min(lease.record.node.leaves());
-                        lease.leaves_done = lease.leaves_done.max(done);
-                    }
-                    let rendered = job.rendered();
-                    job.pace.sample(now, rendered);
+            let job = self.held.job_of(worker, progress.token);
+            let job = job.and_then(|job| self.jobs.get_mut(&job));
+            match job.and_then(|job| job.leases.get_mut(&progress.token)) {
+                Some(lease) => {
+                    lease.expires_ms = lease.expires_ms.max(until);
+                    let done = u64::from(progress.leaves_done).min(lease.record.node.leaves());
+                    lease.leaves_done = lease.leaves_done.max(done);
                 }
                 None => lost.push(progress.token),
             }
@@ -63,18 +61,19 @@ impl Farm {
 
     /// A worker asks for work, which is a sign of life.
     pub fn asks(&mut self, worker: WorkerId, serial: u64, now: Millis) -> Result<(), Refusal> {
-        self.seen(worker, now)?;
-        if let Some(worker) = self.workers.get_mut(&worker) {
-            worker.serial = worker.serial.max(serial);
-        }
-        Ok(())
+        self.hear(worker, serial, now)
     }
 
     /// A worker was heard of.
     pub fn seen(&mut self, worker: WorkerId, now: Millis) -> Result<(), Refusal> {
-        let worker = self.workers.get_mut(&worker).ok_or(Refusal::UnknownWorker(worker))?;
-        worker.last_seen_ms = worker.last_seen_ms.max(now);
-        Ok(())
+        self.hear(worker, 0, now)
+    }
+
+    fn hear(&mut self, worker: WorkerId, serial: u64, now: Millis) -> Result<(), Refusal> {
+        match self.workers.hear(worker, serial, now) {
+            true => Ok(()),
+            false => Err(Refusal::UnknownWorker(worker)),
+        }
     }
 }
 

@@ -2,8 +2,10 @@
 
 use super::SchedulerConfig;
 use super::job::{HeldLease, Job};
+use super::ranges::Ranges;
 use super::record::{FailedAttempt, LeaseRecord, Millis, Principal};
-use photonfarm_proto::id::WorkerId;
+use super::roster::Staff;
+use photonfarm_proto::id::{LeaseToken, WorkerId};
 use photonfarm_proto::node::NodeKey;
 
 /// A block to lend.
@@ -22,8 +24,8 @@ pub(super) struct Taker<'a> {
     pub(super) worker: WorkerId,
     /// Who is behind it.
     pub(super) principal: Principal,
-    /// Who is behind the workers heard of lately that may work on the job, this one among them: once for each worker.
-    pub(super) all: &'a [Principal],
+    /// The workers that are heard of and may work on the job, this one among them.
+    pub(super) staff: &'a Staff<'a>,
     pub(super) now: Millis,
     pub(super) config: &'a SchedulerConfig,
 }
@@ -33,7 +35,7 @@ impl Taker<'_> {
     /// failure, and who has failed leaves it to others, for longest of all, if there are any.
     fn leaves_alone(&self, attempts: &[FailedAttempt]) -> bool {
         let failed = |principal: &Principal| attempts.iter().any(|attempt| attempt.principal == *principal);
-        let others = failed(&self.principal) && !self.all.iter().all(failed);
+        let others = failed(&self.principal) && !self.staff.principals().all(|other| failed(&other));
         let mut counted = attempts.iter().filter(|attempt| !attempt.repeated);
         let doublings = counted.clone().count().clamp(1, 32) as u32 - 1;
         let pause = self.config.retry_ms.saturating_mul(1 << doublings);
@@ -50,31 +52,25 @@ impl Job {
     /// The next block for `worker`: the lowest free leaves, an aligned power of two of them that takes about the time
     /// of a lease, ends before the deadline, and leaves enough for all workers to end together.
     pub(super) fn next_block(&self, taker: &Taker) -> Option<Block> {
-        let (worker, workers, config) = (taker.worker, taker.all.len() as u64, taker.config);
-        let taken = self.taken_ranges(taker);
-        let (first, free_until) = first_gap(&taken, self.leaves())?;
+        let (worker, config) = (taker.worker, taker.config);
+        let (first, free_until) = self.first_free(taker)?;
         if !self.can_begin_at(first) {
             return None;
         }
-        let suspect = self
-            .failures
-            .keys()
-            .map(|leaf| u64::from(*leaf))
-            .find(|leaf| *leaf >= first);
-        let largest = match suspect {
+        let failed = |leaf: &u64| u32::try_from(*leaf).ok().and_then(|leaf| self.failures.get(&leaf));
+        let suspects = self.failures.range(first as u32..).map(|(leaf, _)| u64::from(*leaf));
+        let largest = match suspects.into_iter().next() {
             Some(leaf) if leaf == first => 1,
             Some(leaf) => free_until.min(leaf) - first,
             None => free_until - first,
         };
-        let free: u64 = self
-            .leaves()
-            .saturating_sub(taken.iter().map(|(from, to)| to - from).sum::<u64>());
+        let free = self.free.leaves();
         // Nobody else could work on a chain meanwhile.
         let share = match self.is_chain() {
             true => free,
-            false => (free / (2 * workers.max(1))).max(1),
+            false => (free / (2 * taker.staff.workers().max(1))).max(1),
         };
-        let seconds = self.seconds_per_iteration(worker);
+        let seconds = self.pace.seconds_per_iteration(worker);
         let target_ms = self
             .ms_left(taker.now)
             .unwrap_or(Millis::MAX)
@@ -94,44 +90,46 @@ impl Job {
             level,
             index: u32::try_from(first >> level).ok()?,
         };
-        let failed = u32::try_from(first).ok().and_then(|leaf| self.failures.get(&leaf));
         Some(Block {
             node,
             expected_ms: self.expected_ms(worker, node),
-            attempt: 1 + failed.map_or(0, Vec::len) as u32,
+            attempt: 1 + failed(&first).map_or(0, Vec::len) as u32,
             verifies: false,
         })
     }
 
-    /// The first node in doubt that a worker may repeat and nobody does.
+    /// The first range of leaves that are free and need not rest.
+    fn first_free(&self, taker: &Taker) -> Option<(u64, u64)> {
+        self.free.iter().find_map(|(mut from, to)| {
+            for (leaf, attempts) in self.failures.range(from as u32..) {
+                if u64::from(*leaf) != from || from == to || !taker.leaves_alone(attempts) {
+                    break;
+                }
+                from += 1;
+            }
+            (from < to).then_some((from, to))
+        })
+    }
+
+    /// A node in doubt that a worker may repeat and nobody does.
     pub(super) fn next_doubt(&self, taker: &Taker) -> Option<Block> {
-        let (worker, principal) = (taker.worker, taker.principal);
-        let mut doubts = self.nodes_in_doubt().filter(|node| self.can_be_repeated(*node));
-        let node = doubts.find(|node| !self.has_opinion(*node, principal) && self.verifiers(*node).next().is_none())?;
+        let mut doubts = self.nodes.to_repeat(taker.principal);
+        let node = doubts.find(|node| self.can_be_repeated(*node))?;
         Some(Block {
             node,
-            expected_ms: self.expected_ms(worker, node),
+            expected_ms: self.expected_ms(taker.worker, node),
             attempt: 1,
             verifies: true,
         })
     }
 
-    /// Work that somebody else has had for much longer than it should take.
-    pub(super) fn straggler(&self, taker: &Taker) -> Option<Block> {
-        self.leases.values().find_map(|lease| self.steal(lease, taker))
-    }
-
     /// What to lend of a lease a second time: a part that its worker has not come to, or all of what cannot be divided.
     /// Whoever has it already must have been given enough time for it.
-    fn steal(&self, lease: &HeldLease, taker: &Taker) -> Option<Block> {
+    pub(super) fn steal(&self, lease: &HeldLease, taker: &Taker) -> Option<Block> {
         let record = &lease.record;
         let patience = |holder: &LeaseRecord| {
             let expected = holder.expected_ms.or(self.expected_ms(taker.worker, holder.node))?;
-            Some(
-                expected
-                    .saturating_mul(taker.config.straggler_factor)
-                    .max(taker.config.straggler_ms),
-            )
+            Some(taker.config.patience_ms(expected))
         };
         let patient = |holder: &LeaseRecord, times: u64| {
             let elapsed = taker.now.saturating_sub(holder.granted_ms);
@@ -145,7 +143,7 @@ impl Job {
             false if self.is_chain() => self
                 .next_link(record.node)
                 .filter(|_| self.can_begin_at(self.complete()))?,
-            false => self.part_left(lease, taker.config)?,
+            false => self.part_left(lease)?,
         };
         let leaves = node.first() as u32..=(node.end() - 1) as u32;
         if !record.verifies
@@ -157,10 +155,11 @@ impl Job {
             return None;
         }
         let mine = self.expected_ms(taker.worker, node);
-        let shares = |other: &&LeaseRecord| {
-            other.verifies == record.verifies && (other.node.contains(node) || node.contains(other.node))
+        let sharing: Vec<LeaseToken> = match record.verifies {
+            true => self.repeated.on(node).collect(),
+            false => self.lent.sharing(node).collect(),
         };
-        let holders: Vec<&LeaseRecord> = self.leases.values().map(|other| &other.record).filter(shares).collect();
+        let holders: Vec<&LeaseRecord> = sharing.iter().map(|token| &self.leases[token].record).collect();
         let times = holders.len() as u64;
         let mine_already = holders.iter().any(|holder| holder.worker == taker.worker);
         let known = record.verifies && self.has_opinion(node, taker.principal);
@@ -177,16 +176,15 @@ impl Job {
 
     /// The largest aligned part at the end of a lease that is neither in the image, nor lent to others besides, nor the
     /// leaf that its worker is at, unless that is all there is.
-    fn part_left(&self, lease: &HeldLease, config: &SchedulerConfig) -> Option<NodeKey> {
+    fn part_left(&self, lease: &HeldLease) -> Option<NodeKey> {
         let block = lease.record.node;
-        let others = self.leases.values().map(|other| &other.record);
-        let others = others.filter(|other| !other.verifies && !other.node.contains(block));
-        let poisoned = self.poisoned(config).map(|(leaf, _)| NodeKey::leaf(leaf));
-        let taken = others
-            .map(|other| other.node)
-            .chain(poisoned)
-            .map(|node| (node.first(), node.end()));
-        let (from, end) = last_gap(&disjoint(self.live_ranges().chain(taken).collect()), block)?;
+        let given_up = self.given_up.range(block.first() as u32..=(block.end() - 1) as u32);
+        let given_up = given_up.map(|(leaf, ())| NodeKey::leaf(*leaf));
+        let taken = self.inner(block).chain(self.lent.inside(block)).chain(given_up);
+        let mut free = Ranges::default();
+        free.add(block.first(), block.end());
+        taken.for_each(|node| free.remove(node.first(), node.end()));
+        let (from, end) = free.iter().last()?;
         let at = block.first() + lease.leaves_done;
         let parts = (0..block.level).rev().map(|level| NodeKey {
             level,
@@ -197,83 +195,7 @@ impl Job {
     }
 
     fn expected_ms(&self, worker: WorkerId, node: NodeKey) -> Option<Millis> {
-        let seconds = self.seconds_per_iteration(worker);
+        let seconds = self.pace.seconds_per_iteration(worker);
         seconds.map(|s| (s * node.leaves() as f64 * 1e3) as Millis)
-    }
-
-    /// Seconds that `worker` takes for an iteration, or that the job's workers took on average.
-    fn seconds_per_iteration(&self, worker: WorkerId) -> Option<f64> {
-        let mean = || {
-            let seconds = self.totals().seconds.total();
-            (self.done() > 0 && seconds > 0.0).then(|| seconds / self.done() as f64)
-        };
-        self.pace.seconds_per_iteration(worker).or_else(mean)
-    }
-
-    /// Leaves that are in the image, lent, given up, or to be left alone for now: disjoint, from left to right.
-    fn taken_ranges(&self, taker: &Taker) -> Vec<(u64, u64)> {
-        let lent = self.leases.values().map(|lease| &lease.record);
-        let lent = lent
-            .filter(|lease| !lease.verifies)
-            .map(|lease| (lease.node.first(), lease.node.end()));
-        let alone = |attempts: &[FailedAttempt]| taker.config.is_poisoned(attempts) || taker.leaves_alone(attempts);
-        let within = |leaf: &u32| u64::from(*leaf) < self.leaves();
-        let failed = self
-            .failures
-            .iter()
-            .filter(|(leaf, attempts)| within(leaf) && alone(attempts));
-        let failed = failed.map(|(leaf, _)| (u64::from(*leaf), u64::from(*leaf) + 1));
-        disjoint(self.live_ranges().chain(lent).chain(failed).collect())
-    }
-}
-
-/// The union of ranges, from left to right.
-fn disjoint(mut ranges: Vec<(u64, u64)>) -> Vec<(u64, u64)> {
-    ranges.sort_unstable();
-    let mut disjoint: Vec<(u64, u64)> = Vec::with_capacity(ranges.len());
-    for (from, to) in ranges {
-        match disjoint.last_mut() {
-            Some((_, end)) if from <= *end => *end = (*end).max(to),
-            _ => disjoint.push((from, to)),
-        }
-    }
-    disjoint
-}
-
-/// The last stretch of a block outside the ranges.
-fn last_gap(taken: &[(u64, u64)], block: NodeKey) -> Option<(u64, u64)> {
-    let mut end = block.end();
-    for (from, to) in taken.iter().rev() {
-        if *to < end {
-            return Some((block.first().max(*to), end)).filter(|(from, to)| from < to);
-        }
-        end = end.min(*from);
-    }
-    (block.first() < end).then_some((block.first(), end))
-}
-
-/// The first stretch of `[0, end)` outside the ranges.
-fn first_gap(taken: &[(u64, u64)], end: u64) -> Option<(u64, u64)> {
-    let mut first = 0;
-    for (from, to) in taken {
-        if first < *from {
-            return Some((first, (*from).min(end)));
-        }
-        first = first.max(*to);
-    }
-    (first < end).then_some((first, end))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn gaps_are_found_from_the_left() {
-        assert_eq!(first_gap(&[], 4), Some((0, 4)));
-        assert_eq!(first_gap(&[(0, 2)], 4), Some((2, 4)));
-        assert_eq!(first_gap(&[(1, 2)], 4), Some((0, 1)));
-        assert_eq!(first_gap(&[(0, 2), (3, 4)], 8), Some((2, 3)));
-        assert_eq!(first_gap(&[(0, 4)], 4), None);
     }
 }

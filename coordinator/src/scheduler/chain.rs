@@ -7,25 +7,19 @@
 
 use super::job::Job;
 use super::record::{BlobName, Change, FailedAttempt, Loss};
-use super::{Decision, Farm, Refusal, SchedulerConfig};
+use super::{Decision, Farm, Refusal};
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::node::{NodeHeader, NodeKey};
 
 impl Job {
-    /// Whether iterations go on from each other.
-    #[must_use]
-    pub fn is_chain(&self) -> bool {
-        self.head.spec.integrator.with_defaults().is_sequential()
-    }
-
     /// Leaves that are in the image from the first one on, without a gap.
     pub(super) fn complete(&self) -> u64 {
         let mut complete = 0;
-        for (first, end) in self.live_ranges() {
-            if first != complete {
+        for node in self.nodes.live.values() {
+            if node.first() != complete {
                 break;
             }
-            complete = end;
+            complete = node.end();
         }
         complete
     }
@@ -66,10 +60,10 @@ impl Job {
     }
 
     /// The leaf of a chain that was given up and that all others wait for, with its attempts.
-    pub(super) fn broken_link<'a>(&'a self, config: &'a SchedulerConfig) -> Option<(u32, &'a [FailedAttempt])> {
+    pub(super) fn broken_link(&self) -> Option<(u32, &[FailedAttempt])> {
         let next = self.complete();
-        let mut poisoned = self.poisoned(config);
-        poisoned.find(|(leaf, _)| self.is_chain() && u64::from(*leaf) == next)
+        let mut given_up = self.given_up();
+        given_up.find(|(leaf, _)| self.is_chain() && u64::from(*leaf) == next)
     }
 
     /// What precedes the planes of a node's image.

@@ -60,7 +60,14 @@ impl Default for SchedulerConfig {
 }
 
 impl SchedulerConfig {
-    pub(super) fn is_poisoned(&self, attempts: &[FailedAttempt]) -> bool {
+    /// How long a lease may take that should take `expected_ms`, before others are given a part of its work [ms].
+    pub(super) fn patience_ms(&self, expected_ms: Millis) -> Millis {
+        let usual = expected_ms.saturating_mul(self.straggler_factor);
+        usual.max(self.straggler_ms)
+    }
+
+    /// Whether a leaf that failed like this is tried no more.
+    pub(super) fn gives_up(&self, attempts: &[FailedAttempt]) -> bool {
         let counts = attempts.iter().filter(|failed| !failed.repeated);
         let reported = counts.clone().filter(|failed| failed.attempt.kind != FailureKind::Lost);
         reported.count() >= self.max_failures || counts.count() >= self.max_attempts

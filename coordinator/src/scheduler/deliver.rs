@@ -57,7 +57,7 @@ impl Delivery {
 impl Job {
     /// Decides over a delivery: whether it counts, is known, or is refused.
     ///
-    /// A node in `doubt` is to be repeated by a worker of another principal than this one before it is believed.
+    /// A node in `doubt` is to be repeated by a worker of another principal than this one before it is accepted.
     pub fn deliver(
         &self,
         delivery: &Delivery,
@@ -73,7 +73,7 @@ impl Job {
                 "node {node} lies beyond the job's {leaves} iterations"
             )));
         }
-        if let Some(known) = self.nodes.get(&node).filter(|known| known.digest != digest) {
+        if let Some(known) = self.nodes.all.get(&node).filter(|known| known.digest != digest) {
             return Err(Refusal::Conflict {
                 job: self.id(),
                 node,
@@ -82,7 +82,7 @@ impl Job {
             });
         }
         if self.covering(node).is_some() {
-            return Ok((Delivered::Duplicate, self.leases_covered_by(None)));
+            return Ok((Delivered::Duplicate, self.leases_covered_by(node, false)));
         }
         if self.state.ended() {
             return Err(Refusal::JobEnded(self.id()));
@@ -105,7 +105,7 @@ impl Job {
 
     fn count(&self, delivery: &Delivery, principal: Principal, doubt: bool) -> Vec<Change> {
         let (job, node) = (self.id(), delivery.node);
-        let inner: Vec<NodeKey> = self.live.range(node.first()..node.end()).map(|(_, key)| *key).collect();
+        let inner: Vec<NodeKey> = self.inner(node).collect();
         let loss = Loss::Replaced;
         let over = inner.iter().flat_map(|node| self.verifiers(*node));
         let mut changes: Vec<Change> = over.map(|lease| self.end_lease(lease.token)).collect();
@@ -128,23 +128,22 @@ impl Job {
             },
             resolution: delivery.resolution,
         });
-        changes.extend(self.leases_covered_by(Some(node)));
+        changes.extend(self.leases_covered_by(node, true));
         changes
     }
 
-    /// Ends the leases of which every leaf is in the image once `added` is.
-    fn leases_covered_by(&self, added: Option<NodeKey>) -> Vec<Change> {
+    /// Ends the leases that share leaves with `node` and of which every leaf is in the image, once `node` is added to it or as it is.
+    fn leases_covered_by(&self, node: NodeKey, added: bool) -> Vec<Change> {
         let covered = |block: NodeKey| match added {
-            Some(node) if node.contains(block) => true,
-            Some(node) if block.contains(node) => {
-                self.covered_within(block) - self.covered_within(node) + node.leaves() == block.leaves()
-            }
-            _ => self.covered_within(block) == block.leaves(),
+            true if node.contains(block) => true,
+            true => self.covered_within(block) - self.covered_within(node) + node.leaves() == block.leaves(),
+            false => self.covered_within(block) == block.leaves(),
         };
-        self.leases
-            .values()
-            .filter(|lease| !lease.record.verifies && covered(lease.record.node))
-            .map(|lease| self.end_lease(lease.record.token))
+        let blocks = self.lent.around(node).chain(self.lent.inside(node));
+        let covered = blocks.filter(|block| covered(*block));
+        covered
+            .flat_map(|block| self.lent.on(block))
+            .map(|token| self.end_lease(token))
             .collect()
     }
 }

@@ -74,18 +74,23 @@ impl Farm {
         if let Ok(lease) = live.lease(token, attempt.worker)
             && lease.record.verifies
         {
-            return Ok(Decision::new((), self.hear_failure(live, &lease.record, now)));
+            return Ok(Decision::new((), self.hear_failure(live, &lease.record)));
         }
         let Attempt {
             worker, kind, message, ..
         } = attempt.clone();
-        let mut changes = live.fail(token, leaf, self.failed_attempt(live, leaf, attempt, now))?;
+        let mut changes = live.fail(token, leaf, self.failed_attempt(live, leaf, attempt))?;
         let principal = self.principal_of(worker);
         let agrees = |other: &&FailedAttempt| {
-            let known = self.workers.get(&other.attempt.worker);
+            let known = self.workers.get(other.attempt.worker);
             other.principal != principal && known.is_some_and(|known| !known.is_held())
         };
-        let alone = || self.workers_for(live, now).all(|other| other.principal == principal);
+        let alone = || {
+            self.workers
+                .staff_for(live)
+                .principals()
+                .all(|other| other == principal)
+        };
         if kind == FailureKind::Scene && (live.scene_faults().any(|other| agrees(&other)) || alone()) {
             changes.push(Change::JobEnded {
                 job,
@@ -99,11 +104,12 @@ impl Farm {
 
     /// What is kept of an attempt that failed. Whoever fails at a leaf again counts only where nobody else is there to try it:
     /// one principal alone cannot have an iteration given up that others could render.
-    fn failed_attempt(&self, job: &Job, leaf: u32, attempt: Attempt, now: Millis) -> FailedAttempt {
+    fn failed_attempt(&self, job: &Job, leaf: u32, attempt: Attempt) -> FailedAttempt {
         let before = job.failures.get(&leaf).map_or(&[][..], Vec::as_slice);
         let has_failed = |principal: Principal| before.iter().any(|failed| failed.principal == principal);
         let principal = self.principal_of(attempt.worker);
-        let repeated = has_failed(principal) && self.workers_for(job, now).any(|other| !has_failed(other.principal));
+        let mut others = self.workers.staff_for(job).principals();
+        let repeated = has_failed(principal) && others.any(|other| !has_failed(other));
         FailedAttempt {
             attempt,
             principal,
@@ -127,7 +133,7 @@ impl Farm {
                 changes.push(Change::LeafFailed {
                     job: job.id(),
                     leaf,
-                    attempt: self.failed_attempt(job, leaf, attempt, now),
+                    attempt: self.failed_attempt(job, leaf, attempt),
                 });
             }
             changes.push(job.end_lease(lease.record.token));

@@ -1,7 +1,8 @@
 //! Leases are granted: which job, which block, under which token.
 
 use super::block::{Block, Taker};
-use super::record::{Change, JobControl, LeaseRecord, Millis, Principal};
+use super::record::{Change, JobControl, LeaseRecord, Millis};
+use super::roster::{Staff, Worker};
 use super::{Decision, Farm, Job, Refusal};
 use photonfarm_proto::id::{LeaseToken, WorkerId};
 
@@ -25,14 +26,14 @@ impl Farm {
     pub fn lease(&self, asked: &Asked, now: Millis) -> Result<Decision<Option<LeaseRecord>>, Refusal> {
         let Asked { worker, serial, held } = asked;
         let (worker, serial) = (*worker, *serial);
-        let known = self.workers.get(&worker).ok_or(Refusal::UnknownWorker(worker))?;
+        let known = self.workers.get(worker).ok_or(Refusal::UnknownWorker(worker))?;
         if known.serial > serial || self.leases_of(worker).any(|lease| lease.serial > serial) {
             return Ok(Decision::new(None, vec![]));
         }
-        let orphans = self
+        let unnamed = self
             .leases_of(worker)
             .filter(|lease| lease.serial < serial && !held.contains(&lease.token));
-        let mut changes: Vec<Change> = orphans
+        let mut changes: Vec<Change> = unnamed
             .map(|lease| Change::LeaseEnded {
                 job: lease.job,
                 token: lease.token,
@@ -51,7 +52,7 @@ impl Farm {
 
     /// The first lease of a job binds it to a renderer.
     fn bind(&self, lease: &LeaseRecord) -> Option<Change> {
-        let (job, worker) = (self.jobs.get(&lease.job)?, self.workers.get(&lease.worker)?);
+        let (job, worker) = (self.jobs.get(&lease.job)?, self.workers.get(lease.worker)?);
         if job.control.renderer.is_some() {
             return None;
         }
@@ -65,13 +66,13 @@ impl Farm {
     }
 
     fn next_lease(&self, worker: WorkerId, serial: u64, now: Millis) -> Option<LeaseRecord> {
-        let known = self.workers.get(&worker)?;
+        let known = self.workers.get(worker).filter(|known| !known.is_held())?;
         if self.leases_of(worker).count() >= LEASES_OF_A_WORKER {
             return None;
         }
-        let mut jobs = self.jobs_by_share();
-        jobs.retain(|job| known.fits(job));
-        let (job, block) = self.choose(&jobs, worker, now)?;
+        let (job, block) = self
+            .something_new(known, now)
+            .or_else(|| self.something_late(known, now))?;
         let Block {
             node,
             expected_ms,
@@ -96,25 +97,43 @@ impl Farm {
         })
     }
 
-    /// The first job that has something new to do, or else something that takes others too long.
-    fn choose<'a>(&'a self, jobs: &[&'a Job], worker: WorkerId, now: Millis) -> Option<(&'a Job, Block)> {
-        let offer = |again: bool| {
-            jobs.iter().find_map(|job| {
-                let all: Vec<Principal> = self.workers_for(job, now).map(|other| other.principal).collect();
-                let taker = Taker {
-                    worker,
-                    principal: self.principal_of(worker),
-                    all: &all,
-                    now,
-                    config: &self.config,
-                };
-                let block = match again {
-                    true => job.straggler(&taker),
-                    false => job.next_doubt(&taker).or_else(|| job.next_block(&taker)),
-                };
-                Some((*job, block?))
-            })
-        };
-        offer(false).or_else(|| offer(true))
+    /// Whether there are nodes that others than those who rendered them are to repeat.
+    #[must_use]
+    pub fn wants_repeats(&self) -> bool {
+        self.index.wants_repeats > 0
+    }
+
+    /// Work that nobody does, of the first job that has some.
+    fn something_new(&self, worker: &Worker, now: Millis) -> Option<(&Job, Block)> {
+        let jobs = self.index.next_jobs(|demand| worker.skill().meets(demand));
+        jobs.map(|id| &self.jobs[&id]).find_map(|job| {
+            let staff = self.workers.staff_for(job);
+            let taker = self.taker(worker, &staff, now);
+            let block = job.next_doubt(&taker).or_else(|| job.next_block(&taker));
+            Some((job, block?))
+        })
+    }
+
+    /// Work that somebody else has had for much longer than it should take.
+    fn something_late(&self, worker: &Worker, now: Millis) -> Option<(&Job, Block)> {
+        self.held.overdue(now).find_map(|(id, token)| {
+            let job = &self.jobs[&id];
+            if !worker.fits(job) || job.is_paused() {
+                return None;
+            }
+            let staff = self.workers.staff_for(job);
+            let block = job.steal(&job.leases[&token], &self.taker(worker, &staff, now));
+            Some((job, block?))
+        })
+    }
+
+    pub(super) fn taker<'a>(&'a self, worker: &Worker, staff: &'a Staff<'a>, now: Millis) -> Taker<'a> {
+        Taker {
+            worker: worker.id(),
+            principal: worker.principal,
+            staff,
+            now,
+            config: &self.config,
+        }
     }
 }

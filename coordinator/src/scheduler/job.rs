@@ -1,12 +1,19 @@
 //! One job: what is counted, what is lent, what failed.
 
+use super::index::Demand;
+use super::lent::Lent;
+use super::nodes::Nodes;
 use super::pace::Pace;
-use super::record::{BlobName, Change, FailedAttempt, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord};
+use super::ranges::Ranges;
+use super::record::{
+    BlobName, Change, FailedAttempt, JobControl, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord, Renewal,
+};
+use super::table::{Set, Table};
 use super::{Refusal, SchedulerConfig};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
-use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A lease, and what is known of it while the process lives.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,11 +39,22 @@ pub struct Job {
     pub(super) resolution: Option<[u32; 2]>,
     /// What nodes took that do not know it themselves.
     unassigned: Totals,
-    pub(super) nodes: BTreeMap<NodeKey, NodeRecord>,
-    /// Nodes that count, by first leaf.
-    pub(super) live: BTreeMap<u64, NodeKey>,
-    pub(super) leases: BTreeMap<LeaseToken, HeldLease>,
-    pub(super) failures: BTreeMap<u32, Vec<FailedAttempt>>,
+    pub(super) nodes: Nodes,
+    pub(super) leases: Table<LeaseToken, HeldLease>,
+    /// The blocks of leases that add to the image.
+    pub(super) lent: Lent,
+    /// The nodes of the image that are rendered once more.
+    pub(super) repeated: Lent,
+    pub(super) failures: Table<u32, Vec<FailedAttempt>>,
+    /// Leaves that are tried no more.
+    pub(super) given_up: Set<u32>,
+    /// Leaves that are neither in the image, nor lent, nor given up.
+    pub(super) free: Ranges,
+    /// Whether iterations go on from each other.
+    chain: bool,
+    /// What it asks of its workers.
+    pub(super) demand: Arc<Demand>,
+    pub(super) owner: Arc<str>,
     pub(super) pace: Pace,
 }
 
@@ -44,57 +62,151 @@ impl Job {
     /// A job just submitted.
     #[must_use]
     pub fn new(head: JobHead) -> Self {
-        Self {
-            control: JobControl::of(&head.spec),
+        let mut free = Ranges::default();
+        free.add(0, head.spec.iterations.into());
+        let owner = head.owner.clone();
+        let control = JobControl::of(&head.spec);
+        let mut job = Self {
+            control: control.clone(),
             share_ms: 0,
+            chain: head.spec.integrator.with_defaults().is_sequential(),
             head,
             state: JobState::Queued,
             failure: None,
             ended_ms: None,
             resolution: None,
             unassigned: Totals::default(),
-            nodes: BTreeMap::new(),
-            live: BTreeMap::new(),
-            leases: BTreeMap::new(),
-            failures: BTreeMap::new(),
+            nodes: Nodes::default(),
+            leases: Table::default(),
+            lent: Lent::default(),
+            repeated: Lent::default(),
+            failures: Table::default(),
+            given_up: Set::default(),
+            free,
+            demand: Arc::default(),
+            owner: owner.into(),
             pace: Pace::default(),
-        }
+        };
+        job.set_control(control);
+        job
     }
 
     /// A job as it was kept, its leases with it.
     #[must_use]
-    pub fn from_record(record: JobRecord) -> Self {
+    pub fn from_record(record: JobRecord, config: &SchedulerConfig) -> Self {
         let mut job = Self::new(record.head);
         job.state = record.state;
         job.failure = record.failure;
         job.ended_ms = record.ended_ms;
         job.resolution = record.resolution;
-        job.control = record.control;
         job.share_ms = record.share_ms;
         job.unassigned = record.totals;
+        job.set_control(record.control);
+        for (leaf, attempt) in record.failures {
+            job.note_failure(leaf, attempt, config);
+        }
         for (key, node) in record.nodes {
-            if node.live {
-                job.live.insert(key.first(), key);
+            let live = node.live;
+            job.keep_node(key, node);
+            if live {
+                job.free.remove(key.first(), key.end());
             }
-            job.nodes.insert(key, node);
         }
         for lease in record.leases {
             let until_ms = lease.until_ms;
             job.hold(lease, until_ms);
         }
-        for (leaf, attempt) in record.failures {
-            job.failures.entry(leaf).or_default().push(attempt);
-        }
+        job.pace.begin_with(job.totals().seconds.total(), job.done());
         job
     }
 
     pub(super) fn hold(&mut self, record: LeaseRecord, expires_ms: Millis) {
+        let (block, token) = (record.node, record.token);
+        self.let_go(token);
+        match record.verifies {
+            true => {
+                self.drop_from_indexes(block);
+                self.repeated.insert(block, token);
+                self.put_into_indexes(block);
+            }
+            false => {
+                self.lent.insert(block, token);
+                self.free.remove(block.first(), block.end());
+            }
+        }
         let lease = HeldLease {
             expires_ms,
             leaves_done: 0,
             record,
         };
-        self.leases.insert(lease.record.token, lease);
+        self.leases.insert(token, lease);
+    }
+
+    fn let_go(&mut self, token: LeaseToken) {
+        let Some(HeldLease { record, .. }) = self.leases.remove(&token) else {
+            return;
+        };
+        match record.verifies {
+            true => {
+                self.drop_from_indexes(record.node);
+                self.repeated.remove(record.node, token);
+                self.put_into_indexes(record.node);
+            }
+            false => {
+                self.lent.remove(record.node, token);
+                self.free_within(record.node);
+            }
+        }
+    }
+
+    fn note_failure(&mut self, leaf: u32, attempt: FailedAttempt, config: &SchedulerConfig) {
+        let attempts = self.failures.get_or_default(leaf);
+        attempts.push(attempt);
+        if config.gives_up(attempts) {
+            self.given_up.insert(leaf, ());
+            self.free.remove(leaf.into(), u64::from(leaf) + 1);
+        }
+    }
+
+    fn set_control(&mut self, control: JobControl) {
+        let before = self.leaves();
+        let (renderer, tags) = (&control.renderer, &control.schedule.tags);
+        if self.demand.renderer != *renderer || self.demand.tags != *tags {
+            self.demand = Arc::new(Demand {
+                renderer: renderer.clone(),
+                tags: tags.clone(),
+            });
+        }
+        self.control = control;
+        let leaves = self.leaves();
+        self.free.remove(leaves, before);
+        self.free.add(before, leaves);
+        let given_up = self.given_up.range(leaf(before)..).map(|(leaf, ())| u64::from(*leaf));
+        for leaf in given_up.collect::<Vec<_>>() {
+            self.free.remove(leaf, leaf + 1);
+        }
+        // Whether it waits for a look at the noise may have changed.
+        if let Some((_, first)) = self.nodes.live.first() {
+            self.update_pair(*first);
+        }
+    }
+
+    /// Leaves of a block may be free again: those that are neither in the image, nor lent, nor given up.
+    pub(super) fn free_within(&mut self, block: NodeKey) {
+        let (first, end) = (block.first(), block.end().min(self.leaves()));
+        if first >= end || self.covering(block).is_some() || self.lent.around(block).next().is_some() {
+            return;
+        }
+        self.free.add(first, end);
+        let counted = self.nodes.live.range(first..end).map(|(_, node)| *node);
+        let given_up = self
+            .given_up
+            .range(leaf(first)..leaf(end))
+            .map(|(leaf, ())| NodeKey::leaf(*leaf));
+        let taken: Vec<NodeKey> = counted.chain(given_up).chain(self.lent.inside(block)).collect();
+        for node in taken {
+            self.free.remove(node.first(), node.end());
+        }
     }
 
     /// The job's number.
@@ -139,43 +251,44 @@ impl Job {
 
     /// The nodes that make up the image, from left to right.
     pub fn live_nodes(&self) -> impl Iterator<Item = (NodeKey, BlobHash)> + '_ {
-        self.live.values().map(|key| (*key, self.nodes[key].digest))
+        self.nodes.live.values().map(|key| (*key, self.nodes.all[key].digest))
     }
 
     /// The nodes that make up the image, from left to right, with the names of their images in the store.
     pub fn live_images(&self) -> impl Iterator<Item = (NodeKey, BlobName)> + '_ {
-        self.live.values().map(|key| (*key, self.nodes[key].image()))
+        self.nodes.live.values().map(|key| (*key, self.nodes.all[key].image()))
     }
 
     /// The name in the store of the image of a node that counts on its own.
     #[must_use]
     pub fn live_image(&self, node: NodeKey) -> Option<BlobName> {
-        self.is_live(node).then(|| self.nodes[&node].image())
+        self.is_live(node).then(|| self.nodes.all[&node].image())
     }
 
     /// Whether a node counts on its own.
     #[must_use]
     pub fn is_live(&self, node: NodeKey) -> bool {
-        self.live.get(&node.first()) == Some(&node)
+        self.nodes.live.get(&node.first()) == Some(&node)
     }
 
     /// Iterations in the image.
     #[must_use]
     pub fn done(&self) -> u64 {
-        self.live.values().map(|node| node.leaves()).sum()
+        self.nodes.done
     }
 
     /// Pixels across and down, which the first node fixes for as long as any node counts: it may be given up.
     #[must_use]
     pub fn resolution(&self) -> Option<[u32; 2]> {
-        self.resolution.filter(|_| !self.live.is_empty())
+        self.resolution.filter(|_| !self.nodes.live.is_empty())
     }
 
     /// What the iterations in the image took.
     #[must_use]
     pub fn totals(&self) -> Totals {
         let mut sum = self.unassigned;
-        let totals = self.live.values().filter_map(|node| self.nodes[node].totals.as_ref());
+        let live = self.nodes.live.values();
+        let totals = live.filter_map(|node| self.nodes.all[node].totals.as_ref());
         totals.for_each(|totals| sum.add(totals));
         sum
     }
@@ -185,32 +298,33 @@ impl Job {
         if self.covering(node).is_some() {
             return node.leaves();
         }
-        self.live
-            .range(node.first()..node.end())
-            .map(|(_, inner)| inner.leaves())
-            .sum()
+        self.inner(node).map(NodeKey::leaves).sum()
     }
 
     /// The node of the image that contains `node`.
     pub(super) fn covering(&self, node: NodeKey) -> Option<NodeKey> {
-        let (_, last) = self.live.range(..=node.first()).next_back()?;
+        let (_, last) = self.nodes.live.range(..=node.first()).next_back()?;
         last.contains(node).then_some(*last)
     }
 
-    pub(super) fn live_ranges(&self) -> impl Iterator<Item = (u64, u64)> + '_ {
-        self.live.values().map(|node| (node.first(), node.end()))
+    /// The nodes of the image that begin within `node`.
+    pub(super) fn inner(&self, node: NodeKey) -> impl Iterator<Item = NodeKey> + '_ {
+        let live = self.nodes.live.range(node.first()..node.end());
+        live.map(|(_, inner)| *inner)
+    }
+
+    /// Whether iterations go on from each other.
+    #[must_use]
+    pub fn is_chain(&self) -> bool {
+        self.chain
     }
 
     /// Leaves given up that are not in the image, with their attempts.
-    pub(super) fn poisoned<'a>(
-        &'a self,
-        config: &'a SchedulerConfig,
-    ) -> impl Iterator<Item = (u32, &'a [FailedAttempt])> {
-        self.failures
-            .iter()
-            .filter(|(leaf, _)| u64::from(**leaf) < self.leaves() && self.covering(NodeKey::leaf(**leaf)).is_none())
-            .filter(|(_, attempts)| config.is_poisoned(attempts))
-            .map(|(leaf, attempts)| (*leaf, attempts.as_slice()))
+    pub(super) fn given_up(&self) -> impl Iterator<Item = (u32, &[FailedAttempt])> {
+        let within = self.given_up.range(..leaf(self.leaves())).map(|(leaf, ())| *leaf);
+        within
+            .filter(|leaf| self.covering(NodeKey::leaf(*leaf)).is_none())
+            .map(|leaf| (leaf, self.failures[&leaf].as_slice()))
     }
 
     /// The leases held.
@@ -232,24 +346,15 @@ impl Job {
     }
 
     /// Applies a change of this job.
-    pub(super) fn evolve(&mut self, change: &Change, lease_until: Millis) {
+    pub(super) fn evolve(&mut self, change: &Change, lease_until: Millis, config: &SchedulerConfig) {
         match change {
-            Change::JobChanged { control, .. } => self.control = control.clone(),
-            Change::LeasesRenewed(renewals) => {
-                for renewal in renewals {
-                    if let Some(lease) = self.leases.get_mut(&renewal.token) {
-                        lease.record.until_ms = renewal.until_ms;
-                        lease.record.restarts = renewal.restarts;
-                        lease.expires_ms = lease.expires_ms.max(renewal.until_ms);
-                    }
-                }
-            }
+            Change::JobChanged { control, .. } => self.set_control(control.clone()),
             Change::LeaseGranted(record) => {
                 self.state = JobState::Running;
                 self.share_ms = record.share[1];
                 self.hold(record.clone(), lease_until);
             }
-            Change::LeaseEnded { token, .. } => _ = self.leases.remove(token),
+            Change::LeaseEnded { token, .. } => self.let_go(*token),
             Change::NodeAdded {
                 node,
                 record,
@@ -259,34 +364,27 @@ impl Job {
                 if let (Some(worker), Some(totals)) = (record.worker, &record.totals) {
                     self.pace.observe(worker, totals.seconds.total(), node.leaves());
                 }
-                self.nodes.insert(*node, record.clone());
-                self.live.insert(node.first(), *node);
+                self.keep_node(*node, record.clone());
+                self.free.remove(node.first(), node.end());
                 self.resolution = Some(*resolution);
             }
-            Change::NodeJudged { node, record, .. } => _ = self.nodes.insert(*node, record.clone()),
+            Change::NodeJudged { node, record, .. } => self.keep_node(*node, record.clone()),
             Change::NodeMerged { node, .. } => {
-                if let Some(record) = self.nodes.get_mut(node) {
-                    (record.live, record.totals) = (false, None);
-                    self.live.remove(&node.first());
+                if let Some(record) = self.nodes.all.get(node) {
+                    let merged = NodeRecord {
+                        live: false,
+                        totals: None,
+                        ..record.clone()
+                    };
+                    self.keep_node(*node, merged);
                 }
             }
-            Change::NodeLost { node, .. } => {
-                self.nodes.retain(|key, _| !node.contains(*key));
-                self.live.remove(&node.first());
-            }
-            Change::LeafFailed { leaf, attempt, .. } => self.failures.entry(*leaf).or_default().push(attempt.clone()),
-            Change::JobEnded {
-                state,
-                failure,
-                ended_ms,
-                ..
-            } => {
-                self.state = *state;
-                self.failure.clone_from(failure);
-                self.ended_ms = Some(*ended_ms);
-                self.leases.clear();
-            }
-            Change::JobSubmitted(_)
+            Change::NodeLost { node, .. } => self.forget_node(*node),
+            Change::LeafFailed { leaf, attempt, .. } => self.note_failure(*leaf, attempt.clone(), config),
+            // What concerns leases of several jobs, workers, or a job as a whole, is the farm's.
+            Change::LeasesRenewed(_)
+            | Change::JobEnded { .. }
+            | Change::JobSubmitted(_)
             | Change::JobReopened { .. }
             | Change::WorkerRegistered(_)
             | Change::WorkerJudged { .. }
@@ -294,4 +392,32 @@ impl Job {
             | Change::JobDeleted { .. } => {}
         }
     }
+
+    /// The coordinator was started again: there is time for the workers to reconnect.
+    pub(super) fn reconnect(&mut self, config: &SchedulerConfig, now: Millis) {
+        let reconnect = |lease: &mut HeldLease| lease.expires_ms = lease.after_restart(config, now);
+        self.leases.for_each_mut(reconnect);
+    }
+
+    /// Notes how many leaves are rendered by now, now and then.
+    pub(super) fn note_pace(&mut self, now: Millis) {
+        if self.pace.is_due(now) {
+            let rendered = self.rendered();
+            self.pace.sample(now, rendered);
+        }
+    }
+
+    /// A lease lasts until another time.
+    pub(super) fn renew(&mut self, renewal: &Renewal) {
+        if let Some(lease) = self.leases.get_mut(&renewal.token) {
+            lease.record.until_ms = renewal.until_ms;
+            lease.record.restarts = renewal.restarts;
+            lease.expires_ms = lease.expires_ms.max(renewal.until_ms);
+        }
+    }
+}
+
+/// A number of leaves as the number of a leaf: there are at most 2^32 - 1 of them.
+fn leaf(number: u64) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
 }

@@ -3,6 +3,9 @@
 //! A decision looks at the state and returns [`Change`]s; the caller commits them to a store and only then applies
 //! them with [`Farm::evolve`]. What is kept and what is remembered are therefore the same, whatever fails between.
 //! A restart is [`Farm::restore`].
+//!
+//! What an event costs grows with the logarithm of the numbers of jobs, leases and nodes: [`Farm::evolve`] keeps indexes up to date
+//! ([`index`], [`held`], [`roster`], [`nodes`]), and decisions look there instead of searching.
 
 mod alive;
 mod block;
@@ -10,16 +13,24 @@ mod chain;
 mod config;
 mod deliver;
 mod failure;
+mod figures;
 mod finish;
 mod grant;
+mod held;
+mod index;
 mod job;
+mod lent;
+mod nodes;
 mod pace;
+mod ranges;
 pub mod record;
 mod resolve;
+mod roster;
 mod share;
 mod status;
 mod steer;
 mod stop;
+mod table;
 #[cfg(test)]
 mod tests;
 mod verify;
@@ -27,16 +38,21 @@ mod workers;
 
 pub use config::{SchedulerConfig, Secret};
 pub use deliver::{Delivered, Delivery};
+pub use figures::Figures;
 pub use grant::Asked;
 pub use job::{HeldLease, Job};
+pub use roster::Skill;
 
+use held::Held;
+use index::JobIndex;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::JobSpec;
 use photonfarm_proto::node::NodeKey;
-use record::{BlobName, Change, Counters, JobHead, LeaseRecord, Millis, Snapshot, WorkerRecord};
-use std::collections::BTreeMap;
+use record::{BlobName, Change, Counters, JobHead, Millis, Snapshot};
+use roster::{Roster, Worker};
+use std::collections::BTreeSet;
+use table::Table;
 use thiserror::Error;
-use workers::Worker;
 
 /// Why something is refused.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -109,28 +125,34 @@ impl<T> Decision<T> {
 pub struct Farm {
     config: SchedulerConfig,
     counters: Counters,
-    workers: BTreeMap<WorkerId, Worker>,
-    jobs: BTreeMap<JobId, Job>,
+    workers: Roster,
+    jobs: Table<JobId, Job>,
+    index: JobIndex,
+    held: Held,
 }
 
 impl Farm {
     /// The farm as it was left. Leases last long enough for workers to reconnect.
     #[must_use]
     pub fn restore(config: SchedulerConfig, snapshot: Snapshot, now: Millis) -> Self {
-        let worker = |record: WorkerRecord| (record.id, Worker::new(record, now));
-        let job = |record| {
-            let mut job = Job::from_record(record);
-            for lease in job.leases.values_mut() {
-                lease.expires_ms = lease.after_restart(&config, now);
-            }
-            (job.id(), job)
-        };
-        Self {
+        let mut farm = Self {
             counters: snapshot.counters,
-            workers: snapshot.workers.into_iter().map(worker).collect(),
-            jobs: snapshot.jobs.into_iter().map(job).collect(),
+            workers: Roster::default(),
+            jobs: Table::default(),
+            index: JobIndex::default(),
+            held: Held::default(),
             config,
+        };
+        farm.index.serve(farm.counters.share);
+        for worker in snapshot.workers {
+            farm.workers.register(worker, now);
         }
+        for record in snapshot.jobs {
+            let mut job = Job::from_record(record, &farm.config);
+            job.reconnect(&farm.config, now);
+            farm.insert(job);
+        }
+        farm
     }
 
     /// How it decides.
@@ -180,21 +202,46 @@ impl Farm {
     #[must_use]
     pub fn expire(&self, now: Millis) -> Decision<()> {
         let mut changes = Vec::new();
-        for job in self.jobs.values() {
-            let stopped = job.meet_deadline(now);
-            if stopped.is_empty() {
-                changes.extend(self.expire_leases(job, now));
-                changes.extend(self.waive(job, now));
+        let mut stopped = BTreeSet::new();
+        for ((_, id), ()) in self.index.deadlines.range(..=(now, JobId(u64::MAX))) {
+            let met = self.jobs[id].meet_deadline(now);
+            if !met.is_empty() {
+                stopped.insert(*id);
             }
-            changes.extend(stopped);
+            changes.extend(met);
+        }
+        for id in self.index.leased.keys().filter(|id| !stopped.contains(id)) {
+            changes.extend(self.expire_leases(&self.jobs[id], now));
+        }
+        for id in self.index.in_doubt.keys().filter(|id| !stopped.contains(id)) {
+            changes.extend(self.accept_lonely(&self.jobs[id]));
         }
         let silent = |worker: &&Worker| now.saturating_sub(worker.last_seen_ms) > self.config.forget_worker_ms;
         for worker in self.workers.values().filter(silent) {
-            if !worker.is_held() && !self.holds_leases(worker) {
-                changes.push(Change::WorkerForgotten(worker.record.id));
+            if !worker.is_held() && !self.holds_leases(worker.id()) {
+                changes.push(Change::WorkerForgotten(worker.id()));
             }
         }
         Decision::new((), changes)
+    }
+
+    /// Time has passed: workers that were silent for as long as leases last are heard of no more, and it is noted how fast
+    /// jobs go. Nothing of it is kept.
+    pub fn pass_time(&mut self, now: Millis) {
+        if let Some(since) = now.checked_sub(self.config.lease_ttl_ms) {
+            self.workers.miss(since);
+        }
+        for id in self.index.leased.keys() {
+            if let Some(job) = self.jobs.get_mut(id) {
+                job.note_pace(now);
+            }
+        }
+    }
+
+    /// Jobs of which images are to be added up or read, or that may be complete.
+    #[must_use]
+    pub fn jobs_to_fold(&self) -> Vec<JobId> {
+        self.index.to_fold.keys().copied().collect()
     }
 
     /// The image of a node that others make up is safe in the store: it replaces them.
@@ -226,57 +273,77 @@ impl Farm {
     /// Ends a job that is complete.
     #[must_use]
     pub fn settle(&self, job: JobId, now: Millis) -> Decision<()> {
-        let ended = self.jobs.get(&job).and_then(|job| job.settle(&self.config, now));
+        let ended = self.jobs.get(&job).and_then(|job| job.settle(now));
         Decision::new((), ended.into_iter().collect())
     }
 
     /// Applies a committed change. A job that ends leaves the farm: it lives on in the store.
     pub fn evolve(&mut self, change: &Change, now: Millis) {
-        let lease_until = now + self.config.lease_ttl_ms;
         match change {
             Change::WorkerRegistered(record) => {
                 self.counters.worker = self.counters.worker.max(record.id.0);
-                self.workers.insert(record.id, Worker::new(record.clone(), now));
+                self.workers.register(record.clone(), now);
             }
-            Change::WorkerJudged { worker, standing } => {
-                if let Some(worker) = self.workers.get_mut(worker) {
-                    worker.record.standing = standing.clone();
-                }
-            }
-            Change::WorkerForgotten(worker) => _ = self.workers.remove(worker),
+            Change::WorkerJudged { worker, standing } => self.workers.judge(*worker, standing),
+            Change::WorkerForgotten(worker) => self.workers.forget(*worker),
             Change::JobSubmitted(head) => {
                 self.counters.job = self.counters.job.max(head.id.0);
-                self.jobs.insert(head.id, Job::new(head.clone()));
+                self.insert(Job::new(head.clone()));
             }
-            Change::JobReopened { record, .. } => {
-                let job = Job::from_record((**record).clone());
-                self.jobs.insert(job.id(), job);
+            Change::JobReopened { record, .. } => self.insert(Job::from_record((**record).clone(), &self.config)),
+            Change::JobEnded { job, .. } => self.remove(*job),
+            Change::LeasesRenewed(renewals) => {
+                for renewal in renewals {
+                    if let Some(job) = self.jobs.get_mut(&renewal.job) {
+                        job.renew(renewal);
+                    }
+                }
             }
-            Change::JobEnded { job, .. } => _ = self.jobs.remove(job),
             // It had left the farm when it ended.
             Change::JobDeleted { .. } => {}
-            Change::LeasesRenewed(_) => {
-                let jobs = self.jobs.values_mut();
-                jobs.for_each(|job| job.evolve(change, lease_until));
+            Change::LeaseGranted(lease) => {
+                self.evolve_job(lease.job, change, now);
+                self.counters.share = self.counters.share.max(lease.share[0]);
+                self.counters.token = self.counters.token.max(lease.token.number);
+                self.index.serve(self.counters.share);
+                self.held.insert(lease, &self.config);
             }
-            Change::LeaseGranted(LeaseRecord { job, token, share, .. }) => {
-                self.counters.share = self.counters.share.max(share[0]);
-                self.counters.token = self.counters.token.max(token.number);
-                self.evolve_job(*job, change, lease_until);
+            Change::LeaseEnded { job, token } => {
+                if let Some(lease) = self.jobs.get(job).and_then(|job| job.leases.get(token)) {
+                    self.held.remove(&lease.record, &self.config);
+                }
+                self.evolve_job(*job, change, now);
             }
-            Change::LeaseEnded { job, .. }
-            | Change::JobChanged { job, .. }
+            Change::JobChanged { job, .. }
             | Change::NodeAdded { job, .. }
             | Change::NodeJudged { job, .. }
             | Change::NodeMerged { job, .. }
             | Change::NodeLost { job, .. }
-            | Change::LeafFailed { job, .. } => self.evolve_job(*job, change, lease_until),
+            | Change::LeafFailed { job, .. } => self.evolve_job(*job, change, now),
         }
     }
 
-    fn evolve_job(&mut self, job: JobId, change: &Change, lease_until: Millis) {
-        if let Some(job) = self.jobs.get_mut(&job) {
-            job.evolve(change, lease_until);
+    fn evolve_job(&mut self, id: JobId, change: &Change, now: Millis) {
+        if let Some(job) = self.jobs.get_mut(&id) {
+            let before = job.facts();
+            job.evolve(change, now + self.config.lease_ttl_ms, &self.config);
+            self.index.update(id, &before, &job.facts());
+        }
+    }
+
+    fn insert(&mut self, job: Job) {
+        self.remove(job.id());
+        let leases = job.leases.values();
+        leases.for_each(|lease| self.held.insert(&lease.record, &self.config));
+        self.index.insert(job.id(), &job.facts());
+        self.jobs.insert(job.id(), job);
+    }
+
+    fn remove(&mut self, id: JobId) {
+        if let Some(job) = self.jobs.remove(&id) {
+            let leases = job.leases.values();
+            leases.for_each(|lease| self.held.remove(&lease.record, &self.config));
+            self.index.remove(id, &job.facts());
         }
     }
 }

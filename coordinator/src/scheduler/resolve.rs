@@ -15,7 +15,7 @@ impl Farm {
         let asked = &job.head.spec.integrator;
         let valid = settings.validate().is_ok() && asked.allows(settings);
         // Nothing was rendered with settings of which nothing is in the image or lent.
-        let binds = !job.live.is_empty() || job.leases.len() > 1;
+        let binds = !job.nodes.live.is_empty() || job.leases.len() > 1;
         let differs = known.as_ref().is_some_and(|known| known != settings) && binds;
         if !valid {
             let reason =

@@ -18,21 +18,10 @@ impl Farm {
     pub(super) fn share_with(&self, job: &Job, expected_ms: Option<Millis>) -> [Millis; 2] {
         let from = self.share_of(job);
         let cost = expected_ms.unwrap_or(self.config.lease_target_ms).max(1);
-        let rivals = self
-            .jobs
-            .values()
-            .filter(|other| other.head.owner == job.head.owner && !other.is_paused());
-        let weight = |job: &Job| u64::from(job.control.schedule.priority.max(1));
-        let all: u64 = rivals.map(weight).sum::<u64>().max(weight(job));
-        let stretched = cost.saturating_mul(all).div_ceil(weight(job));
+        let weight = job.weight();
+        let all = self.index.weight_of(&job.head.owner).max(weight);
+        let stretched = cost.saturating_mul(all).div_ceil(weight);
         [from, from.saturating_add(stretched).min(MOST)]
-    }
-
-    /// The jobs that may be served, the next one first.
-    pub(super) fn jobs_by_share(&self) -> Vec<&Job> {
-        let mut jobs: Vec<&Job> = self.jobs.values().filter(|job| !job.is_paused()).collect();
-        jobs.sort_by_key(|job| (self.share_of(job), job.id()));
-        jobs
     }
 }
 

@@ -1,37 +1,42 @@
 //! How far a job has come, and why nobody is at work on it.
 
 use super::block::Taker;
-use super::record::{FailedAttempt, Millis, Principal, WorkerRecord};
-use super::{Farm, Job, SchedulerConfig, Worker};
+use super::index::Demand;
+use super::record::{FailedAttempt, Millis, Principal};
+use super::{Farm, Job};
 use photonfarm_proto::id::WorkerId;
 use photonfarm_proto::job::{JobStatus, Poisoned};
 use photonfarm_proto::node::NodeKey;
 use photonfarm_proto::waiting::Waiting;
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 impl Job {
     /// Leaves rendered, delivered or not.
     #[must_use]
     pub fn rendered(&self) -> u64 {
-        let mut undelivered: BTreeMap<NodeKey, u64> = BTreeMap::new();
-        for lease in self.leases.values() {
-            let left = lease.record.node.leaves() - self.covered_within(lease.record.node);
-            let entry = undelivered.entry(lease.record.node).or_default();
-            *entry = (*entry).max(lease.leaves_done.min(left));
-        }
-        self.done() + undelivered.values().sum::<u64>()
+        let undelivered = self.lent.blocks().map(|block| {
+            let leases = self.lent.on(block).map(|token| self.leases[&token].leaves_done);
+            leases
+                .max()
+                .unwrap_or(0)
+                .min(block.leaves() - self.covered_within(block))
+        });
+        self.done() + undelivered.sum::<u64>()
+    }
+
+    /// Number of workers that hold leases of it.
+    pub(super) fn workers(&self) -> usize {
+        let workers = self.leases.values().map(|lease| lease.record.worker);
+        workers.collect::<BTreeSet<_>>().len()
     }
 
     /// How far the job has come.
     #[must_use]
-    pub fn status(&self, config: &SchedulerConfig) -> JobStatus {
-        let poisoned = self.poisoned(config).map(|(leaf, attempts)| Poisoned {
+    pub fn status(&self) -> JobStatus {
+        let poisoned = self.given_up().map(|(leaf, attempts)| Poisoned {
             iteration: leaf + 1,
             attempts: attempts.iter().map(|failed| failed.attempt.clone()).collect(),
         });
-        let mut workers: Vec<WorkerId> = self.leases.values().map(|lease| lease.record.worker).collect();
-        workers.sort_unstable();
-        workers.dedup();
         JobStatus {
             id: self.id(),
             state: self.state,
@@ -47,7 +52,7 @@ impl Job {
             resolution: self.resolution(),
             totals: self.totals(),
             iterations_per_second: self.pace.iterations_per_second(),
-            workers: workers.len() as u32,
+            workers: self.workers() as u32,
             iterations_in_doubt: self.nodes_in_doubt().map(NodeKey::leaves).sum(),
             renderer: self.control.renderer.clone(),
             checkpoint: self.control.checkpoint,
@@ -66,66 +71,91 @@ impl Farm {
         JobStatus {
             waiting,
             waiting_reason,
-            ..job.status(&self.config)
+            ..job.status()
         }
     }
 
     /// A worker by number and, where it is known, by name.
     #[must_use]
     pub fn worker_named(&self, id: WorkerId) -> String {
-        match self.workers.get(&id) {
+        match self.workers.get(id) {
             Some(worker) => format!("worker {id} ({})", worker.record.name),
             None => format!("worker {id}"),
         }
     }
 
     /// Why nobody is at work on a job, while nobody is.
-    fn waiting(&self, job: &Job, now: Millis) -> Option<(Waiting, String)> {
+    pub(super) fn waiting(&self, job: &Job, now: Millis) -> Option<(Waiting, String)> {
         if !job.leases.is_empty() {
             return None;
         }
         let merging = || (Waiting::Merging, "its iterations are being added up".to_owned());
-        if job.done() == job.leaves() && job.nodes_in_doubt().next().is_none() {
+        if job.done() == job.leaves() && job.nodes.doubts.is_empty() {
             return Some(merging());
         }
         if job.is_paused() {
             return Some((Waiting::Paused, "it is paused".into()));
         }
-        let records = self.workers.values().filter(|worker| !self.is_silent(worker, now));
-        let connected: Vec<&WorkerRecord> = records.map(|worker| &worker.record).collect();
-        let reason = self.nobody_for(job, &connected).or_else(|| self.nothing_for(job, now));
-        Some(reason.unwrap_or_else(merging))
+        if let Some(lack) = self.lack(&job.demand) {
+            return Some((lack, self.what_lacks(lack, job)));
+        }
+        Some(self.nothing_for(job, now).unwrap_or_else(merging))
+    }
+
+    /// Which of a job's demands no connected worker meets.
+    pub(super) fn lack(&self, demand: &Demand) -> Option<Waiting> {
+        let crews = || self.workers.crews();
+        let tagged = || crews().filter(|(skill, _)| demand.tags.is_subset(&skill.tags));
+        let met = || crews().filter(|(skill, _)| skill.meets(demand));
+        match () {
+            () if crews().next().is_none() => Some(Waiting::NoWorker),
+            () if tagged().next().is_none() => Some(Waiting::Tags),
+            () if met().next().is_none() => Some(Waiting::Renderer),
+            () if !met().any(|(_, crew)| crew.workers() > 0) => Some(Waiting::Quarantine),
+            () => None,
+        }
+    }
+
+    /// What a job lacks, in words.
+    fn what_lacks(&self, lack: Waiting, job: &Job) -> String {
+        let Demand { renderer, tags } = &*job.demand;
+        match lack {
+            Waiting::Tags => {
+                let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
+                format!("no worker has the tags {}", tags.join(", "))
+            }
+            Waiting::Renderer => {
+                let bound = renderer.as_deref().unwrap_or_default();
+                let mut tagged = self.workers.crews().filter(|(skill, _)| tags.is_subset(&skill.tags));
+                let found = tagged.next().map_or("", |(skill, _)| skill.renderer.as_str());
+                format!(
+                    "it is bound to renderer {bound}, and workers have others, such as {found}: start workers of that build, or have \
+                     it rendered anew with `photonfarm resubmit {}`",
+                    job.id()
+                )
+            }
+            Waiting::Quarantine => "every worker that could do it is in quarantine".into(),
+            _ => "no worker is connected".into(),
+        }
     }
 
     /// Why none of the workers that could work on a job has work on it; nothing where there is none left.
     fn nothing_for(&self, job: &Job, now: Millis) -> Option<(Waiting, String)> {
-        let workers: Vec<&Worker> = self.workers_for(job, now).collect();
-        let all: Vec<Principal> = workers.iter().map(|worker| worker.principal).collect();
-        let could = |worker: &&Worker| {
-            let taker = Taker {
-                worker: worker.record.id,
-                principal: worker.principal,
-                all: &all,
-                now,
-                config: &self.config,
-            };
-            job.next_doubt(&taker).or_else(|| job.next_block(&taker)).is_some()
-        };
-        // Workers differ only in what they failed at, and in what they have said already.
-        let differ = !job.failures.is_empty() || job.nodes_in_doubt().next().is_some();
-        if workers.iter().take(if differ { workers.len() } else { 1 }).any(could) {
+        if self.somebody_could(job, now) {
             return Some((Waiting::Turn, "its turn has not come".into()));
         }
         let range = |node: NodeKey| format!("{} to {}", node.first() + 1, node.end());
-        let known = |node: &NodeKey| all.iter().all(|principal| job.has_opinion(*node, *principal));
-        if let Some(node) = job.nodes_in_doubt().filter(known).find(|node| job.is_disputed(*node)) {
+        let staff = self.workers.staff_for(job);
+        let known = |node: &NodeKey| staff.principals().all(|principal| job.has_opinion(*node, principal));
+        let mut disputed = job.nodes_in_doubt().filter(|node| job.is_disputed(*node));
+        if let Some(node) = disputed.find(known) {
             let detail = "and another worker is needed to decide";
             let detail = format!("workers disagree about iterations {}, {detail}", range(node));
             return Some((Waiting::Dispute, detail));
         }
         let covered = |leaf: u32| job.covering(NodeKey::leaf(leaf)).is_some();
-        let open = |(leaf, attempts): &(&u32, &Vec<FailedAttempt>)| {
-            u64::from(**leaf) < job.leaves() && !covered(**leaf) && !self.config.is_poisoned(attempts)
+        let open = |(leaf, _): &(&u32, &Vec<FailedAttempt>)| {
+            u64::from(**leaf) < job.leaves() && !job.given_up.contains_key(leaf) && !covered(**leaf)
         };
         if let Some((leaf, attempts)) = job.failures.iter().find(open) {
             let times = attempts.len();
@@ -140,35 +170,24 @@ impl Farm {
         Some((Waiting::Doubt, detail))
     }
 
-    /// Which of the job's demands no connected worker meets.
-    fn nobody_for(&self, job: &Job, connected: &[&WorkerRecord]) -> Option<(Waiting, String)> {
-        if connected.is_empty() {
-            return Some((Waiting::NoWorker, "no worker is connected".into()));
-        }
-        let (tags, bound) = (&job.control.schedule.tags, &job.control.renderer);
-        let tagged: Vec<_> = connected.iter().filter(|worker| tags.is_subset(&worker.tags)).collect();
-        if tagged.is_empty() {
-            let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
-            return Some((Waiting::Tags, format!("no worker has the tags {}", tags.join(", "))));
-        }
-        let same = |worker: &&&&WorkerRecord| bound.as_ref().is_none_or(|bound| *bound == worker.renderer);
-        let built: Vec<_> = tagged.iter().filter(same).collect();
-        if built.is_empty() {
-            let bound = bound.as_deref().unwrap_or_default();
-            let found = &tagged[0].renderer;
-            let detail = format!(
-                "it is bound to renderer {bound}, and workers have others, such as {found}: start workers of that build, or have \
-                 it rendered anew with `photonfarm resubmit {}`",
-                job.id()
-            );
-            return Some((Waiting::Renderer, detail));
-        }
-        let held = built.iter().all(|worker| worker.standing.quarantine.is_some());
-        held.then(|| {
-            (
-                Waiting::Quarantine,
-                "every worker that could do it is in quarantine".into(),
-            )
+    /// Whether one of the workers that are heard of would be given something of a job, if its turn came. Workers differ only in
+    /// what those who are behind them failed at and have said: those are asked, and one of the others.
+    fn somebody_could(&self, job: &Job, now: Millis) -> bool {
+        let staff = self.workers.staff_for(job);
+        let failed = job.failures.values().flatten().map(|failed| failed.principal);
+        let said = job.nodes.doubts.values().flat_map(|node| &job.nodes.all[node].opinions);
+        let known: BTreeSet<Principal> = failed.chain(said.map(|opinion| opinion.principal)).collect();
+        let other = staff.principals().find(|principal| !known.contains(principal));
+        let here = known.iter().copied().filter(|known| staff.has(*known));
+        other.into_iter().chain(here).any(|principal| {
+            let taker = Taker {
+                worker: WorkerId(0),
+                principal,
+                staff: &staff,
+                now,
+                config: &self.config,
+            };
+            job.next_doubt(&taker).or_else(|| job.next_block(&taker)).is_some()
         })
     }
 }

@@ -100,7 +100,7 @@ impl Job {
     }
 
     /// Stops the job if its deadline has passed: with the iterations that are complete from the first on. Those of them
-    /// that were to be repeated are believed, unless workers disagree about them.
+    /// that were to be repeated are accepted unverified, unless workers disagree about them.
     pub(super) fn meet_deadline(&self, now: Millis) -> Vec<Change> {
         if self.control.schedule.deadline_ms.is_none_or(|deadline| now < deadline) || self.control.stop.is_some() {
             return vec![];
@@ -113,7 +113,7 @@ impl Job {
             complete = node.end();
         }
         let doubts = self.nodes_in_doubt().filter(|node| node.end() <= complete);
-        let mut changes: Vec<Change> = doubts.flat_map(|node| self.believe(node)).collect();
+        let mut changes: Vec<Change> = doubts.flat_map(|node| self.accept(node)).collect();
         if complete == 0 {
             changes.push(Change::JobEnded {
                 job: self.id(),

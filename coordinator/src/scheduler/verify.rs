@@ -6,13 +6,14 @@
 //!
 //! A node that was chosen is in doubt: it is in the image, but it is not merged, and its job does not end, until two
 //! principals ([`Principal`]: what several workers of one say counts once) have given the same bits. Those who gave others
-//! go into quarantine. When no worker of another principal is there to repeat it, it is believed.
+//! go into quarantine. When no worker of another principal is there to repeat it, it is accepted unverified.
 
 use super::record::{Change, LeaseRecord, Loss, Millis, NodeRecord, Opinion, Principal, Standing};
-use super::{Decision, Delivered, Delivery, Farm, Job, Refusal, Worker};
+use super::roster::Worker;
+use super::{Decision, Delivered, Delivery, Farm, Job, Refusal};
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::node::NodeKey;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Stands for the image of a node that a worker could not render.
 const NO_IMAGE: BlobHash = BlobHash([0; 32]);
@@ -34,37 +35,37 @@ pub(super) struct Verdict {
 impl Job {
     /// Whether a node waits for others to repeat it.
     pub(super) fn is_in_doubt(&self, node: NodeKey) -> bool {
-        self.nodes.get(&node).is_some_and(|record| !record.opinions.is_empty())
+        self.nodes
+            .all
+            .get(&node)
+            .is_some_and(|record| !record.opinions.is_empty())
     }
 
     /// Whether workers disagree about a node.
     pub(super) fn is_disputed(&self, node: NodeKey) -> bool {
-        let digests = self.nodes.get(&node).map(|record| &record.opinions);
+        let digests = self.nodes.all.get(&node).map(|record| &record.opinions);
         digests.is_some_and(|opinions| opinions.iter().any(|opinion| opinion.digest != opinions[0].digest))
     }
 
     /// The nodes that wait for others to repeat them, from left to right.
     pub(super) fn nodes_in_doubt(&self) -> impl Iterator<Item = NodeKey> + '_ {
-        self.live_nodes()
-            .map(|(node, _)| node)
-            .filter(|node| self.is_in_doubt(*node))
+        self.nodes.doubts.values().copied()
     }
 
     /// The leases under which `node` is repeated.
     pub(super) fn verifiers(&self, node: NodeKey) -> impl Iterator<Item = &LeaseRecord> {
-        let records = self.leases.values().map(|lease| &lease.record);
-        records.filter(move |record| record.verifies && record.node == node)
+        self.repeated.on(node).map(|token| &self.leases[&token].record)
     }
 
     /// Whether a worker of `principal` has said what it makes of `node`.
     pub(super) fn has_opinion(&self, node: NodeKey, principal: Principal) -> bool {
-        let opinions = self.nodes.get(&node).map_or(&[][..], |record| &record.opinions);
+        let opinions = self.nodes.all.get(&node).map_or(&[][..], |record| &record.opinions);
         opinions.iter().any(|opinion| opinion.principal == principal)
     }
 
-    /// Believes a node without waiting any longer.
-    pub(super) fn believe(&self, node: NodeKey) -> Vec<Change> {
-        let Some(record) = self.nodes.get(&node) else {
+    /// Accepts a node unverified, without waiting any longer.
+    pub(super) fn accept(&self, node: NodeKey) -> Vec<Change> {
+        let Some(record) = self.nodes.all.get(&node) else {
             return vec![];
         };
         let record = NodeRecord {
@@ -79,7 +80,7 @@ impl Job {
 
     /// A worker says what it makes of a node in doubt.
     pub(super) fn hear(&self, node: NodeKey, opinion: Opinion, delivery: Option<&Delivery>) -> Verdict {
-        let Some(known) = self.nodes.get(&node) else {
+        let Some(known) = self.nodes.all.get(&node) else {
             return Verdict::default();
         };
         let mut record = known.clone();
@@ -163,6 +164,7 @@ impl Job {
             |record: &NodeRecord| record.worker.is_some_and(|worker| workers.contains(&worker)) && !record.verified;
         let mut lost: Vec<NodeKey> = self
             .nodes
+            .all
             .iter()
             .filter(|(_, record)| suspect(record))
             .filter_map(|(node, _)| self.covering(*node))
@@ -171,7 +173,7 @@ impl Job {
         lost.dedup();
         let mut changes = Vec::new();
         for node in self.nodes_in_doubt().filter(|node| !lost.contains(node)) {
-            let mut record = self.nodes[&node].clone();
+            let mut record = self.nodes.all[&node].clone();
             let before = record.opinions.len();
             record.opinions.retain(|opinion| !workers.contains(&opinion.worker));
             if record.opinions.len() < before {
@@ -190,36 +192,15 @@ impl Job {
     }
 }
 
-impl Worker {
-    /// Whether it may work on a job.
-    pub(super) fn fits(&self, job: &Job) -> bool {
-        let record = &self.record;
-        let bound = job
-            .control
-            .renderer
-            .as_ref()
-            .is_none_or(|bound| *bound == record.renderer);
-        bound && record.standing.quarantine.is_none() && job.control.schedule.tags.is_subset(&record.tags)
-    }
-}
-
 impl Farm {
-    /// The workers that were heard of lately and may work on a job.
-    pub(super) fn workers_for<'a>(&'a self, job: &'a Job, now: Millis) -> impl Iterator<Item = &'a Worker> + 'a {
-        let lately = move |worker: &&Worker| now.saturating_sub(worker.last_seen_ms) < self.config.lease_ttl_ms;
-        self.workers.values().filter(lately).filter(|worker| worker.fits(job))
-    }
-
     /// Whether a delivery is to be repeated by a worker of another principal.
-    pub(super) fn is_chosen(&self, job: &Job, delivery: &Delivery, now: Millis) -> bool {
+    pub(super) fn is_chosen(&self, job: &Job, delivery: &Delivery) -> bool {
         let until = u64::from(self.config.verify_until);
-        let Some(worker) = self.workers.get(&delivery.worker).filter(|_| until > 0) else {
+        let Some(worker) = self.workers.get(delivery.worker).filter(|_| until > 0) else {
             return false;
         };
-        if !self
-            .workers_for(job, now)
-            .any(|other| other.principal != worker.principal)
-        {
+        let mut others = self.workers.staff_for(job).principals();
+        if others.all(|other| other == worker.principal) {
             return false;
         }
         let in_a_row = u64::from(worker.record.standing.verified);
@@ -248,19 +229,19 @@ impl Farm {
             }
             let mut changes = vec![job.end_lease(delivery.token)];
             let verdict = job.hear(node, opinion, Some(delivery));
-            changes.extend(self.execute(job.id(), verdict, now));
+            changes.extend(self.execute(job, verdict));
             return Ok(Decision::new(Delivered::Repeated, changes));
         }
-        let (reply, mut changes) = match job.deliver(delivery, principal, self.is_chosen(job, delivery, now)) {
+        let (reply, mut changes) = match job.deliver(delivery, principal, self.is_chosen(job, delivery)) {
             Err(Refusal::Conflict { .. }) if self.may_dispute(job, delivery) => {
                 let heard = job.hear(node, opinion, Some(delivery));
-                return Ok(Decision::new(Delivered::Disputed, self.execute(job.id(), heard, now)));
+                return Ok(Decision::new(Delivered::Disputed, self.execute(job, heard)));
             }
             other => other?,
         };
         if reply == Delivered::Counted && !changes.iter().any(leaves_doubt) {
             let at_fault = job.failed_within(node).filter(|failed| *failed != worker).collect();
-            changes = self.blame(changes, at_fault, now);
+            changes = self.blame(job, changes, at_fault, vec![]);
         }
         Ok(Decision::new(reply, changes))
     }
@@ -272,17 +253,22 @@ impl Farm {
         if job.is_chain() && job.lease(delivery.token, worker).is_err() {
             return false;
         }
-        let Some(record) = job.nodes.get(&node).filter(|record| record.live && !record.verified) else {
+        let Some(record) = job
+            .nodes
+            .all
+            .get(&node)
+            .filter(|record| record.live && !record.verified)
+        else {
             return false;
         };
-        let Some(known) = self.workers.get(&worker).filter(|worker| worker.fits(job)) else {
+        let Some(known) = self.workers.get(worker).filter(|worker| worker.fits(job)) else {
             return false;
         };
         record.worker.is_some() && record.principal != known.principal && !job.has_opinion(node, known.principal)
     }
 
     /// A worker could not render a node that it was to repeat.
-    pub(super) fn hear_failure(&self, job: &Job, lease: &LeaseRecord, now: Millis) -> Vec<Change> {
+    pub(super) fn hear_failure(&self, job: &Job, lease: &LeaseRecord) -> Vec<Change> {
         let opinion = Opinion {
             worker: lease.worker,
             principal: self.principal_of(lease.worker),
@@ -290,15 +276,15 @@ impl Farm {
         };
         let mut changes = vec![job.end_lease(lease.token)];
         let verdict = job.hear(lease.node, opinion, None);
-        changes.extend(self.execute(job.id(), verdict, now));
+        changes.extend(self.execute(job, verdict));
         changes
     }
 
     /// What follows from a verdict for its workers.
-    fn execute(&self, job: JobId, verdict: Verdict, now: Millis) -> Vec<Change> {
+    fn execute(&self, job: &Job, verdict: Verdict) -> Vec<Change> {
         let mut changes = verdict.changes;
         for worker in verdict.confirmed {
-            if let Some(known) = self.workers.get(&worker) {
+            if let Some(known) = self.workers.get(worker) {
                 let standing = Standing {
                     verified: known.record.standing.verified.saturating_add(1),
                     faults: 0,
@@ -307,17 +293,26 @@ impl Farm {
                 changes.push(Change::WorkerJudged { worker, standing });
             }
         }
-        changes = self.blame(changes, verdict.at_fault, now);
-        for worker in verdict.refuted {
+        let refuted = verdict.refuted.into_iter().map(|worker| {
             let node = verdict.settled.map_or_else(String::new, |node| node.to_string());
-            let reason = format!("two others agree about node {node} of job {job}, and not with it");
-            changes = self.quarantine_after(changes, worker, &reason, now);
-        }
-        changes
+            let reason = format!(
+                "two others agree about node {node} of job {}, and not with it",
+                job.id()
+            );
+            (worker, reason)
+        });
+        self.blame(job, changes, verdict.at_fault, refuted.collect())
     }
 
-    /// Faults of workers; too many of them lead to quarantine.
-    pub(super) fn blame(&self, mut changes: Vec<Change>, at_fault: Vec<WorkerId>, now: Millis) -> Vec<Change> {
+    /// What follows for workers that were at fault, and for those that go into quarantine, of which the reasons are given. Too many faults lead
+    /// to quarantine, too.
+    fn blame(
+        &self,
+        job: &Job,
+        mut changes: Vec<Change>,
+        at_fault: Vec<WorkerId>,
+        mut to_hold: Vec<(WorkerId, String)>,
+    ) -> Vec<Change> {
         for worker in at_fault {
             let Some(before) = self.standing_after(&changes, worker) else {
                 continue;
@@ -326,12 +321,16 @@ impl Farm {
                 faults: before.faults.saturating_add(1),
                 ..before
             };
-            let faults = standing.faults;
-            changes.push(Change::WorkerJudged { worker, standing });
-            if faults >= self.config.max_faults {
-                let reason = format!("{faults} faults in a row");
-                changes = self.quarantine_after(changes, worker, &reason, now);
+            if standing.faults >= self.config.max_faults {
+                to_hold.push((worker, format!("{} faults in a row", standing.faults)));
             }
+            changes.push(Change::WorkerJudged { worker, standing });
+        }
+        if !to_hold.is_empty() {
+            let mut next = job.clone();
+            changes.iter().for_each(|change| next.evolve(change, 0, &self.config));
+            let more = self.hold(&to_hold, &changes, Some(&next));
+            changes.extend(more);
         }
         changes
     }
@@ -345,48 +344,57 @@ impl Farm {
             } if *other == worker => Some(standing.clone()),
             _ => None,
         });
-        judged.or_else(|| Some(self.workers.get(&worker)?.record.standing.clone()))
-    }
-
-    /// Quarantine, once `changes` are applied.
-    fn quarantine_after(&self, mut changes: Vec<Change>, worker: WorkerId, reason: &str, now: Millis) -> Vec<Change> {
-        let mut next = self.clone();
-        changes.iter().for_each(|change| next.evolve(change, now));
-        if let Ok(decision) = next.quarantine(worker, reason) {
-            changes.extend(decision.changes);
-        }
-        changes
+        judged.or_else(|| Some(self.workers.get(worker)?.record.standing.clone()))
     }
 
     /// Takes the leases of a worker and of those of its name, gives them none, and gives up whatever rests on their
     /// unconfirmed work.
     pub fn quarantine(&self, worker: WorkerId, reason: &str) -> Result<Decision<()>, Refusal> {
-        let known = self.workers.get(&worker).ok_or(Refusal::UnknownWorker(worker))?;
-        let free: Vec<&Worker> = self.namesakes(&known.record).filter(|other| !other.is_held()).collect();
-        let judged = |other: &&Worker| Change::WorkerJudged {
-            worker: other.record.id,
-            standing: Standing {
-                verified: 0,
-                faults: other.record.standing.faults,
-                quarantine: Some(reason.to_owned()),
-            },
-        };
-        let mut changes: Vec<Change> = free.iter().map(judged).collect();
-        let workers: BTreeSet<WorkerId> = free.iter().map(|other| other.record.id).collect();
+        if !self.knows(worker) {
+            return Err(Refusal::UnknownWorker(worker));
+        }
+        let changes = self.hold(&[(worker, reason.to_owned())], &[], None);
+        Ok(Decision::new((), changes))
+    }
+
+    /// Quarantine of workers, for these reasons, after `changes` of one job, which is as `changed` then.
+    fn hold(&self, to_hold: &[(WorkerId, String)], changes: &[Change], changed: Option<&Job>) -> Vec<Change> {
+        let mut free: BTreeMap<WorkerId, Standing> = BTreeMap::new();
+        for (worker, reason) in to_hold {
+            let known = self.workers.get(*worker).into_iter();
+            for other in known.flat_map(|known| self.namesakes(&known.record)) {
+                let standing = self.standing_after(changes, other.id()).unwrap_or_default();
+                if standing.quarantine.is_none() {
+                    free.entry(other.id()).or_insert_with(|| Standing {
+                        verified: 0,
+                        faults: standing.faults,
+                        quarantine: Some(reason.clone()),
+                    });
+                }
+            }
+        }
+        if free.is_empty() {
+            return vec![];
+        }
+        let as_it_is_then = |id: JobId| changed.filter(|job| job.id() == id).unwrap_or(&self.jobs[&id]);
+        let workers: BTreeSet<WorkerId> = free.keys().copied().collect();
+        let judged = free.into_iter();
+        let mut more: Vec<Change> = judged
+            .map(|(worker, standing)| Change::WorkerJudged { worker, standing })
+            .collect();
         let leases = workers.iter().flat_map(|worker| self.leases_of(*worker));
-        changes.extend(leases.map(|lease| Change::LeaseEnded {
+        let held = leases.filter(|lease| as_it_is_then(lease.job).leases.contains_key(&lease.token));
+        more.extend(held.map(|lease| Change::LeaseEnded {
             job: lease.job,
             token: lease.token,
         }));
-        if !workers.is_empty() {
-            changes.extend(self.jobs.values().flat_map(|job| job.distrust(&workers)));
-        }
-        Ok(Decision::new((), changes))
+        more.extend(self.jobs.keys().flat_map(|id| as_it_is_then(*id).distrust(&workers)));
+        more
     }
 
     /// Lets a worker, and those of its name, work again as if they were new.
     pub fn release_worker(&self, worker: WorkerId) -> Result<Decision<()>, Refusal> {
-        let known = self.workers.get(&worker).ok_or(Refusal::UnknownWorker(worker))?;
+        let known = self.workers.get(worker).ok_or(Refusal::UnknownWorker(worker))?;
         let held = self.namesakes(&known.record).filter(|other| other.is_held());
         let change = |other: &Worker| Change::WorkerJudged {
             worker: other.record.id,
@@ -395,15 +403,14 @@ impl Farm {
         Ok(Decision::new((), held.map(change).collect()))
     }
 
-    /// Believes the nodes in doubt that nobody is there to repeat.
-    pub(super) fn waive(&self, job: &Job, now: Millis) -> Vec<Change> {
+    /// Accepts the nodes in doubt that nobody is there to repeat.
+    pub(super) fn accept_lonely(&self, job: &Job) -> Vec<Change> {
+        let staff = self.workers.staff_for(job);
         let mut changes = Vec::new();
         for node in job.nodes_in_doubt().filter(|node| !job.is_disputed(*node)) {
-            let somebody = self
-                .workers_for(job, now)
-                .any(|worker| !job.has_opinion(node, worker.principal));
+            let somebody = staff.principals().any(|principal| !job.has_opinion(node, principal));
             if !somebody && job.verifiers(node).next().is_none() {
-                changes.extend(job.believe(node));
+                changes.extend(job.accept(node));
             }
         }
         changes

@@ -1,41 +1,12 @@
 //! Workers: they come, belong to somebody, and go.
 
 use super::record::{Change, LeaseRecord, Millis, Origin, Principal, Standing, WorkerRecord};
+use super::roster::{Skill, Worker};
 use super::{Decision, Farm, Refusal};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::WorkerId;
 use photonfarm_proto::worker::Register;
-
-/// A registered worker.
-#[derive(Clone, Debug)]
-pub(super) struct Worker {
-    pub(super) record: WorkerRecord,
-    /// Who is behind it.
-    pub(super) principal: Principal,
-    pub(super) last_seen_ms: Millis,
-    /// The latest of its requests for work.
-    pub(super) serial: u64,
-}
-
-impl Worker {
-    pub(super) fn new(record: WorkerRecord, now: Millis) -> Self {
-        Self {
-            principal: record.principal(),
-            record,
-            last_seen_ms: now,
-            serial: 0,
-        }
-    }
-
-    fn id(&self) -> WorkerId {
-        self.record.id
-    }
-
-    /// Whether it is in quarantine.
-    pub(super) fn is_held(&self) -> bool {
-        self.record.standing.quarantine.is_some()
-    }
-}
+use std::sync::Arc;
 
 impl Farm {
     /// The workers heard of lately, oldest first.
@@ -53,17 +24,14 @@ impl Farm {
             faults: worker.record.standing.faults,
             quarantine: worker.record.standing.quarantine.clone(),
             silent_ms: now.saturating_sub(worker.last_seen_ms),
-            leases: self.leases_of(worker.record.id).count() as u32,
+            leases: self.held.of(worker.id()).count() as u32,
         };
         self.workers.values().map(status).collect()
     }
 
     pub(super) fn leases_of(&self, worker: WorkerId) -> impl Iterator<Item = &LeaseRecord> {
-        let records = self
-            .jobs
-            .values()
-            .flat_map(|job| job.leases.values().map(|lease| &lease.record));
-        records.filter(move |record| record.worker == worker)
+        let leases = self.held.of(worker);
+        leases.map(|(job, token)| &self.jobs[&job].leases[&token].record)
     }
 
     /// A worker introduces itself. One that has the name of another in quarantine is there, too.
@@ -81,7 +49,7 @@ impl Farm {
             origin,
             standing: Standing::default(),
         };
-        let is_gone = |other: &&Worker| self.is_silent(other, now) && !self.holds_leases(other);
+        let is_gone = |other: &&Worker| self.is_silent(other, now) && !self.holds_leases(other.id());
         let held: Vec<&Worker> = self.namesakes(&record).filter(|other| other.is_held()).collect();
         if let Some(other) = held.first() {
             record.standing = other.record.standing.clone();
@@ -114,7 +82,7 @@ impl Farm {
     /// Refuses somebody who speaks for a worker that was registered with another token. A worker that is not known belongs to
     /// nobody, and holds nothing.
     pub fn check_token(&self, worker: WorkerId, token: &str) -> Result<(), Refusal> {
-        match self.workers.get(&worker) {
+        match self.workers.get(worker) {
             Some(known) if known.record.origin.token != token => Err(Refusal::ForeignWorker(worker)),
             _ => Ok(()),
         }
@@ -123,12 +91,12 @@ impl Farm {
     /// Whether a worker is registered.
     #[must_use]
     pub fn knows(&self, worker: WorkerId) -> bool {
-        self.workers.contains_key(&worker)
+        self.workers.get(worker).is_some()
     }
 
     /// Who is behind a worker, as far as it is known.
     pub(super) fn principal_of(&self, worker: WorkerId) -> Principal {
-        let known = self.workers.get(&worker);
+        let known = self.workers.get(worker);
         known.map_or_else(Principal::default, |worker| worker.principal)
     }
 
@@ -136,8 +104,14 @@ impl Farm {
         now.saturating_sub(worker.last_seen_ms) >= self.config.lease_ttl_ms
     }
 
-    pub(super) fn holds_leases(&self, worker: &Worker) -> bool {
-        self.leases_of(worker.record.id).next().is_some()
+    pub(super) fn holds_leases(&self, worker: WorkerId) -> bool {
+        self.held.of(worker).next().is_some()
+    }
+
+    /// What a worker can do.
+    #[must_use]
+    pub fn skill_of(&self, worker: WorkerId) -> Option<Arc<Skill>> {
+        self.workers.get(worker).map(|known| known.skill().clone())
     }
 
     /// A worker ends: its leases go back, without blame.
@@ -148,7 +122,7 @@ impl Farm {
             token: lease.token,
         };
         let mut changes: Vec<Change> = self.leases_of(worker).map(ended).collect();
-        if self.workers.get(&worker).is_some_and(|worker| !worker.is_held()) {
+        if self.workers.get(worker).is_some_and(|worker| !worker.is_held()) {
             changes.push(Change::WorkerForgotten(worker));
         }
         Decision::new((), changes)

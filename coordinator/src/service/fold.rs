@@ -21,10 +21,10 @@ impl Service {
         tokio::spawn(async move { service.fold_and_log(job).await });
     }
 
-    /// Folds every job that goes on: what a crash or a full disk left undone.
+    /// Folds every job of which something is left to fold: what a crash or a full disk left undone.
     pub(super) async fn fold_all(self: &Arc<Self>) {
         let jobs: Vec<JobId> = match self.fresh_farm().await {
-            Ok(cell) => cell.farm.jobs().map(|job| job.id()).collect(),
+            Ok(cell) => cell.farm.jobs_to_fold(),
             Err(error) => return tracing::error!(%error, "the state cannot be loaded"),
         };
         for job in jobs {

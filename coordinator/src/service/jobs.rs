@@ -4,7 +4,7 @@ use super::upload::next_piece;
 use super::{Service, ServiceError};
 use crate::access::Caller;
 use crate::scheduler::record::Millis;
-use crate::scheduler::{Decision, Farm, Job, Refusal};
+use crate::scheduler::{Decision, Farm, Figures, Job, Refusal};
 use crate::store::StoreError;
 use axum::body::Bytes;
 use futures_util::Stream;
@@ -172,8 +172,8 @@ impl Service {
                 Err(ServiceError::Store(StoreError::TooLate)) => {}
                 Err(error) => return Err(error),
                 Ok(()) => {
-                    let job = Job::from_record(record);
-                    let images = job.live_images().map(|(_, image)| image).chain(pictures).collect();
+                    let live = record.nodes.iter().filter(|(_, node)| node.live);
+                    let images = live.map(|(_, node)| node.image()).chain(pictures).collect();
                     let service = self.clone();
                     let removal = tokio::spawn(async move { service.remove_all(images).await });
                     return removal.await.map_err(|_| ServiceError::Stopping);
@@ -184,23 +184,14 @@ impl Service {
 
     /// Name of the token that the job was submitted with.
     pub async fn owner(self: &Arc<Self>, id: JobId) -> Result<String, ServiceError> {
-        Ok(self.find_job(id).await?.head().owner.clone())
+        self.with_job(id, |job| job.head().owner.clone()).await
     }
 
-    /// Every job that has not ended.
-    pub(crate) async fn live_statuses(self: &Arc<Self>) -> Result<Vec<JobStatus>, ServiceError> {
-        let cell = self.fresh_farm().await?;
+    /// The jobs that have not ended, in figures.
+    pub(crate) async fn figures(self: &Arc<Self>) -> Result<Figures, ServiceError> {
         let now = self.clock.now();
-        Ok(cell
-            .farm
-            .jobs()
-            .map(|job| self.held_up(cell.farm.status(job, now)))
-            .collect())
-    }
-
-    /// How long a lease should take [s].
-    pub(crate) async fn lease_target_s(self: &Arc<Self>) -> Result<f64, ServiceError> {
-        Ok(self.fresh_farm().await?.farm.config().lease_target_ms as f64 / 1e3)
+        let figures = self.fresh_farm().await?.farm.figures(now);
+        Ok(self.all_held_up(figures))
     }
 
     /// Hands out no new work of a job, or goes on with it.
@@ -223,7 +214,7 @@ impl Service {
         match self.transact(decide).await {
             Ok(()) => self.status(id).await,
             Err(ServiceError::Refusal(Refusal::UnknownJob(_))) => {
-                self.find_job(id).await?;
+                self.with_job(id, |_| ()).await?;
                 Err(Refusal::JobEnded(id).into())
             }
             Err(error) => Err(error),
@@ -293,7 +284,7 @@ impl Service {
             .into_iter()
             .map(|record| match cell.farm.job(record.head.id) {
                 Some(job) => self.held_up(cell.farm.status(job, now)),
-                None => Job::from_record(record).status(config),
+                None => Job::from_record(record, config).status(),
             })
             .collect();
         let next = jobs.last().filter(|_| more).map(|job| job.id.to_string());

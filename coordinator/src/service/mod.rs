@@ -24,6 +24,7 @@ mod stored;
 #[cfg(test)]
 pub(crate) mod tests;
 mod upload;
+mod waiters;
 #[cfg(test)]
 mod window_tests;
 mod workers;
@@ -76,8 +77,7 @@ pub struct Service {
     clock: Clock,
     /// Rises whenever a status may have changed.
     progress: watch::Sender<u64>,
-    /// Rises whenever there may be new work.
-    work: watch::Sender<u64>,
+    waiters: waiters::Waiters,
     stopping: watch::Sender<bool>,
     submitting: Mutex<()>,
     folding: Mutex<()>,
@@ -137,7 +137,7 @@ impl Service {
             }),
             clock,
             progress: watch::Sender::new(0),
-            work: watch::Sender::new(0),
+            waiters: waiters::Waiters::default(),
             stopping: watch::Sender::new(false),
             submitting: Mutex::default(),
             folding: Mutex::default(),
@@ -198,10 +198,14 @@ impl Service {
     async fn tick(self: &Arc<Self>) -> Result<(), ServiceError> {
         self.exchange_beats().await?;
         self.watch_clock().await?;
+        let now = self.clock.now();
+        self.fresh_farm().await?.farm.pass_time(now);
         if self.take_lead().await? {
             self.transact(|farm, now| Ok(farm.expire(now))).await?;
             self.fold_all().await;
         }
+        // What rested may be tried again, and what takes too long be given to others.
+        self.waiters.wake();
         Ok(())
     }
 
@@ -373,17 +377,25 @@ impl Service {
             )
         };
         if changes.iter().any(makes_work) {
-            self.work.send_modify(|version| *version += 1);
+            self.waiters.wake();
         }
     }
 
     /// A job, whether it goes on or has ended.
     async fn find_job(self: &Arc<Self>, id: JobId) -> Result<Job, ServiceError> {
-        if let Some(job) = self.fresh_farm().await?.farm.job(id) {
-            return Ok(job.clone());
+        self.with_job(id, Job::clone).await
+    }
+
+    /// What is to be known of a job, whether it goes on or has ended.
+    async fn with_job<T>(self: &Arc<Self>, id: JobId, read: impl FnOnce(&Job) -> T) -> Result<T, ServiceError> {
+        let cell = self.fresh_farm().await?;
+        if let Some(job) = cell.farm.job(id) {
+            return Ok(read(job));
         }
+        let config = cell.farm.config().clone();
+        drop(cell);
         let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-        Ok(Job::from_record(record))
+        Ok(read(&Job::from_record(record, &config)))
     }
 
     /// How far a job has come.
@@ -392,9 +404,8 @@ impl Service {
         if let Some(job) = cell.farm.job(id) {
             return Ok(self.held_up(cell.farm.status(job, self.clock.now())));
         }
-        let config = cell.farm.config().clone();
         drop(cell);
-        Ok(self.find_job(id).await?.status(&config))
+        self.with_job(id, Job::status).await
     }
 }
 

@@ -4,6 +4,7 @@
 //! nothing was tried for long: workers try again within seconds.
 
 use super::{Service, ServiceError};
+use crate::scheduler::Figures;
 use crate::store::StoreError;
 use photonfarm_proto::api::Obstacle;
 use photonfarm_proto::id::JobId;
@@ -175,8 +176,7 @@ impl Service {
         if status.state.ended() || status.waiting_reason == Some(Waiting::Paused) {
             return status;
         }
-        let found = self.found_obstacles().into_iter();
-        if let Some((_, obstacle)) = found.into_iter().find(|(part, _)| *part != Part::Scenes) {
+        if let Some(obstacle) = self.obstacle_for_jobs() {
             (status.waiting, status.waiting_reason) = (Some(obstacle.detail), Some(obstacle.reason));
         } else if let Some(name) = self.missing_files.of_scene(status.spec.scene) {
             let detail = format!(
@@ -192,17 +192,33 @@ impl Service {
         status
     }
 
+    /// The figures of all jobs, with what keeps the whole farm from going on.
+    pub(super) fn all_held_up(&self, mut figures: Figures) -> Figures {
+        if let Some(obstacle) = self.obstacle_for_jobs() {
+            figures.waiting.retain(|reason, _| *reason == Waiting::Paused);
+            let paused: u64 = figures.waiting.values().sum();
+            if figures.jobs > paused {
+                figures.waiting.insert(obstacle.reason, figures.jobs - paused);
+            }
+        }
+        figures
+    }
+
+    /// What keeps every job from going on.
+    fn obstacle_for_jobs(&self) -> Option<Obstacle> {
+        let found = self.found_obstacles().into_iter();
+        let found = found.filter(|(part, _)| *part != Part::Scenes);
+        found.map(|(_, obstacle)| obstacle).next()
+    }
+
     /// Looks at the state store and at the jobs now and then, so that whoever asks how the farm is costs nothing.
     pub(super) async fn look_around(self: Arc<Self>) {
         loop {
             let late = |_| Err(StoreError::Connection("it does not answer".into()));
             let answer = tokio::time::timeout(PATIENCE, self.stores.state.jobs(None, 1)).await;
             self.note(Part::Answers, &answer.unwrap_or_else(late).map_err(ServiceError::from));
-            if let Ok(jobs) = self.live_statuses().await {
-                let mut counts = BTreeMap::new();
-                let reasons = jobs.iter().filter_map(|job| job.waiting_reason);
-                reasons.for_each(|reason| *counts.entry(reason).or_default() += 1);
-                *self.obstacles.jobs.lock().unwrap_or_else(PoisonError::into_inner) = counts;
+            if let Ok(figures) = self.figures().await {
+                *self.obstacles.jobs.lock().unwrap_or_else(PoisonError::into_inner) = figures.waiting;
             }
             tokio::time::sleep(LOOK).await;
         }

@@ -6,7 +6,7 @@
 use super::upload::{deliver_late, delivery};
 use super::{Service, ServiceError};
 use crate::scheduler::record::Millis;
-use crate::scheduler::{Delivered, Refusal};
+use crate::scheduler::{Delivered, Job, Refusal};
 use crate::store::{self, StoreError};
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -52,7 +52,8 @@ impl Service {
                 .adopt(&name(&upload), delivery.image(), bytes)
                 .await;
             adopted.map_err(not_there)?;
-            let first = service.find_job(upload.job).await?.resolution().is_none();
+            let is_first = |job: &Job| job.resolution().is_none();
+            let first = service.with_job(upload.job, is_first).await?;
             let _permit = match first {
                 true => Some(service.uploads.acquire().await.map_err(|_| ServiceError::Stopping)?),
                 false => None,
@@ -81,8 +82,8 @@ impl Service {
         };
         match self.transact(decide).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
-                let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-                Ok(deliver_late(record, &delivery)?)
+                let late = |job: &Job| deliver_late(job, &delivery);
+                Ok(self.with_job(id, late).await??)
             }
             other => other,
         }

@@ -2,7 +2,7 @@
 
 use super::arrival::{Arrival, Arrived, too_short};
 use super::{Service, ServiceError};
-use crate::scheduler::record::{JobRecord, Millis, Principal};
+use crate::scheduler::record::{Millis, Principal};
 use crate::scheduler::{Delivered, Delivery, Farm, Job, Refusal};
 use crate::store;
 use axum::body::Bytes;
@@ -75,8 +75,9 @@ impl Service {
     /// Refuses what cannot count before any of it is read. Replies with what precedes the planes of the image.
     pub(super) async fn check_upload(self: &Arc<Self>, upload: &NodeUpload) -> Result<NodeHeader, ServiceError> {
         self.limits.check_resolution(upload.width, upload.height)?;
-        let job = self.find_job(upload.job).await?;
-        if !upload.node.fits(job.control().iterations) {
+        let read = |job: &Job| (job.control().iterations, job.statistics_per_pixel());
+        let (iterations, statistics) = self.with_job(upload.job, read).await?;
+        if !upload.node.fits(iterations) {
             let detail = format!("node {} lies beyond the job's iterations", upload.node);
             return Err(Problem::new(ErrorCode::Invalid, detail).into());
         }
@@ -86,7 +87,7 @@ impl Service {
             );
             return Err(Problem::new(ErrorCode::Invalid, detail).into());
         }
-        Ok(upload.header(job.statistics_per_pixel()))
+        Ok(upload.header(statistics))
     }
 
     async fn accept(
@@ -141,8 +142,8 @@ impl Service {
         let decide = move |farm: &Farm, now| farm.deliver(&wanted, now);
         match self.transact_until(last, decide).await {
             Err(ServiceError::Refusal(Refusal::UnknownJob(id))) => {
-                let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
-                Ok(deliver_late(record, &delivery)?)
+                let late = |job: &Job| deliver_late(job, &delivery);
+                Ok(self.with_job(id, late).await??)
             }
             other => other,
         }
@@ -158,8 +159,7 @@ fn note_incident(delivery: &Delivery, error: &ServiceError) {
 }
 
 /// What becomes of a delivery to a job that has ended: it is known, or refused.
-pub(super) fn deliver_late(record: JobRecord, delivery: &Delivery) -> Result<Delivered, Refusal> {
-    let job = Job::from_record(record);
+pub(super) fn deliver_late(job: &Job, delivery: &Delivery) -> Result<Delivered, Refusal> {
     Ok(job.deliver(delivery, Principal::default(), false)?.0)
 }
 

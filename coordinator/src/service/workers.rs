@@ -2,7 +2,7 @@
 
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::record::{LeaseRecord, Millis, Origin};
-use crate::scheduler::{Asked, Decision, Farm, Refusal};
+use crate::scheduler::{Asked, Decision, Farm, Refusal, Skill};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind};
@@ -13,13 +13,14 @@ use photonfarm_proto::worker::{
     Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release,
     SettingsReport,
 };
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Longest wait for a lease in one request.
 const LONGEST_POLL: Duration = Duration::from_secs(30);
-/// How often a waiting worker is considered for a straggler's block.
-const POLL_STEP: Duration = Duration::from_secs(1);
+/// How often a waiting worker is considered even if nobody woke it: time may have brought what only this one may do.
+const POLL_STEP: Duration = Duration::from_secs(5);
 
 impl Service {
     /// A worker introduces itself.
@@ -54,40 +55,57 @@ impl Service {
     /// A worker asks for work and waits for it.
     pub async fn lease(self: &Arc<Self>, request: LeaseRequest) -> Result<Option<Assignment>, ServiceError> {
         let deadline = Instant::now() + Duration::from_millis(request.wait_ms).min(LONGEST_POLL);
-        let mut work = self.work.subscribe();
         let mut stopping = self.stopping();
+        let mut was_woken = false;
         check_count(request.held.len())?;
         let asked = Asked {
             worker: request.worker,
             serial: request.serial,
             held: request.held,
         };
+        let skill = self.hear(&asked).await?;
+        let room = self.waiters.room(skill);
         loop {
-            work.mark_unchanged();
-            self.hear(&asked).await?;
-            let asked = asked.clone();
+            let mut woken = pin!(room.notified());
+            woken.as_mut().enable();
+            let wanted = asked.clone();
             let decide = move |farm: &Farm, now| {
-                let decision = farm.lease(&asked, now)?;
-                let orphaned = !decision.changes.is_empty() && decision.reply.is_none();
+                let decision = farm.lease(&wanted, now)?;
+                let next = match (&decision.reply, decision.changes.is_empty()) {
+                    (Some(lease), _) => Next::Assign(lease.clone()),
+                    (None, false) => Next::AskAgain,
+                    (None, true) => Next::Wait {
+                        others_may: farm.wants_repeats(),
+                    },
+                };
                 Ok(Decision {
-                    reply: (decision.reply, orphaned),
+                    reply: next,
                     changes: decision.changes,
                 })
             };
             match self.transact(decide).await? {
-                (Some(lease), _) => return self.assignment(&lease).await,
-                (None, true) => continue,
-                (None, false) => {}
+                Next::Assign(lease) => {
+                    // There may be more.
+                    room.notify_one();
+                    return self.assignment(&lease).await;
+                }
+                Next::AskAgain => continue,
+                Next::Wait { others_may } => {
+                    if others_may && was_woken {
+                        room.notify_one();
+                    }
+                }
             }
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() || *stopping.borrow() {
                 return Ok(None);
             }
             tokio::select! {
-                _ = work.changed() => {}
+                () = woken => was_woken = true,
                 _ = stopping.changed() => {}
-                () = tokio::time::sleep(left.min(POLL_STEP)) => {}
+                () = tokio::time::sleep(left.min(POLL_STEP)) => was_woken = false,
             }
+            self.hear(&asked).await?;
         }
     }
 
@@ -118,8 +136,8 @@ impl Service {
         }))
     }
 
-    /// A worker asks for work, which is a sign of life.
-    async fn hear(self: &Arc<Self>, asked: &Asked) -> Result<(), ServiceError> {
+    /// A worker asks for work, which is a sign of life. Replies with what it can do.
+    async fn hear(self: &Arc<Self>, asked: &Asked) -> Result<Arc<Skill>, ServiceError> {
         let now = self.clock.now();
         let mut cell = self.fresh_farm().await?;
         while let Err(refusal) = cell.farm.asks(asked.worker, asked.serial, now) {
@@ -128,7 +146,8 @@ impl Service {
             }
         }
         self.note_beat(asked.worker, &[], now);
-        Ok(())
+        let skill = cell.farm.skill_of(asked.worker);
+        Ok(skill.ok_or(Refusal::UnknownWorker(asked.worker))?)
     }
 
     /// A sign of life; returns the leases that are lost.
@@ -236,6 +255,18 @@ impl Service {
     pub async fn workers(self: &Arc<Self>) -> Result<Vec<WorkerStatus>, ServiceError> {
         Ok(self.fresh_farm().await?.farm.worker_statuses(self.clock.now()))
     }
+}
+
+/// What follows from a request for work.
+enum Next {
+    Assign(LeaseRecord),
+    /// Leases ended of which the worker knows nothing.
+    AskAgain,
+    /// Nothing to do for this worker.
+    Wait {
+        /// Whether there is something that workers of others may do.
+        others_may: bool,
+    },
 }
 
 /// Refuses a message that names more leases than a worker may.

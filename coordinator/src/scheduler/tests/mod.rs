@@ -1,6 +1,7 @@
 //! Tests of the scheduler: random histories, and its rules one by one.
 
 mod chains;
+mod costs;
 mod histories;
 mod principals;
 mod rules;
@@ -98,6 +99,7 @@ fn farm_with(iterations: u32, workers: u64) -> Farm {
 }
 
 fn commit<T>(farm: &mut Farm, now: Millis, decide: impl FnOnce(&Farm) -> Decision<T>) -> T {
+    farm.pass_time(now);
     let Decision { reply, changes } = decide(farm);
     changes.iter().for_each(|change| farm.evolve(change, now));
     reply
@@ -108,7 +110,7 @@ fn asked(farm: &Farm, worker: u64, held: &[LeaseToken]) -> Asked {
     let worker = WorkerId(worker);
     Asked {
         worker,
-        serial: farm.workers.get(&worker).map_or(0, |known| known.serial) + 1,
+        serial: farm.workers.get(worker).map_or(0, |known| known.serial) + 1,
         held: held.to_vec(),
     }
 }

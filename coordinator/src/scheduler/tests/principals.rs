@@ -111,12 +111,12 @@ fn one_principal_has_no_iteration_given_up_that_others_could_render() {
     for now in 0..9 {
         fail(&mut farm, 1 + now % 2, FailureKind::Panic, now);
     }
-    let poisoned = |farm: &Farm| farm.job(JOB).unwrap().poisoned(farm.config()).count();
-    assert_eq!(poisoned(&farm), 0, "it has failed nine times, and counts once");
+    let given_up = |farm: &Farm| farm.job(JOB).unwrap().given_up().count();
+    assert_eq!(given_up(&farm), 0, "it has failed nine times, and counts once");
     fail(&mut farm, 3, FailureKind::Panic, 10);
-    assert_eq!(poisoned(&farm), 0);
+    assert_eq!(given_up(&farm), 0);
     fail(&mut farm, 1, FailureKind::Panic, 11);
-    assert_eq!(poisoned(&farm), 1, "all that are there have failed: three times in all");
+    assert_eq!(given_up(&farm), 1, "all that are there have failed: three times in all");
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn a_request_that_a_later_one_has_overtaken_ends_nothing_and_gets_nothing() {
     let lease = grant(&mut farm, 1, &[], 1).unwrap();
     assert_eq!(farm.lease(&zombie, 2).unwrap().changes, []);
     // A coordinator that did not hear the later request knows its lease.
-    farm.workers.get_mut(&WorkerId(1)).unwrap().serial = zombie.serial;
+    farm.workers.set_serial(WorkerId(1), zombie.serial);
     assert_eq!(farm.lease(&zombie, 2).unwrap().changes, []);
     assert_eq!(
         deliver(&mut farm, &delivery(&lease, lease.node), 3),

@@ -5,6 +5,7 @@ use crate::scheduler::record::JobControl;
 use crate::store::memory::Rows;
 use photonfarm_proto::schedule::{Schedule, Stop, StopReason};
 use photonfarm_proto::waiting::Waiting;
+use std::collections::BTreeMap;
 
 const JOB: JobId = JobId(1);
 

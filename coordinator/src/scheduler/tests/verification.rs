@@ -30,7 +30,7 @@ fn send(farm: &mut Farm, lease: &LeaseRecord, bits: &str) -> Delivered {
 }
 
 fn standing(farm: &Farm, worker: u64) -> record::Standing {
-    farm.workers[&WorkerId(worker)].record.standing.clone()
+    farm.workers.get(WorkerId(worker)).unwrap().record.standing.clone()
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn a_third_worker_decides_and_the_liar_loses_its_unconfirmed_work() {
             .all(|lie| *lie == second.node || job.covering(*lie).is_none()),
         "{left:?}"
     );
-    assert_eq!(job.nodes[&second.node].worker, Some(WorkerId(2)));
+    assert_eq!(job.nodes.all[&second.node].worker, Some(WorkerId(2)));
     assert_eq!(grant(&mut farm, 1, &[], 2), None, "no work in quarantine");
     assert!(farm.worker_statuses(2)[0].quarantine.is_some());
 }
@@ -134,7 +134,7 @@ fn the_rate_falls_with_the_nodes_confirmed() {
         let count = 20_000;
         let chosen = (0..count).filter(|index| {
             let delivery = delivery(&lease, NodeKey::leaf(*index));
-            farm.is_chosen(job, &delivery, 0)
+            farm.is_chosen(job, &delivery)
         });
         let found = chosen.count() as f64 / f64::from(count);
         let deviation = (expected * (1.0 - expected) / f64::from(count)).sqrt();

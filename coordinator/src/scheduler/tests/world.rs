@@ -10,7 +10,7 @@ use model::{Random, added_up, noise};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PppmSettings};
 use photonfarm_proto::schedule::Schedule;
 use record::{JobRecord, NodeRecord};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What a history is like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -228,7 +228,7 @@ impl World {
         if kind == Kind::Liar {
             self.dishonest.insert(worker);
         }
-        if self.farm.workers[&worker].is_held() {
+        if self.farm.workers.get(worker).unwrap().is_held() {
             self.by_hand.insert(worker);
         }
         Some(worker)
@@ -307,6 +307,7 @@ impl World {
         } else {
             self.random.below(2_000)
         };
+        self.farm.pass_time(self.now);
         for guard in &self.guards {
             self.farm.seen(*guard, self.now).unwrap();
         }
@@ -323,6 +324,9 @@ impl World {
         }
         if self.random.chance(10) {
             self.check();
+        }
+        if self.random.chance(2) {
+            self.check_indexes();
         }
     }
 

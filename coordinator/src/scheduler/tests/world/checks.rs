@@ -10,7 +10,7 @@ impl World {
                 assert!(lease.token.number > self.highest_token, "tokens rise");
                 self.highest_token = lease.token.number;
                 let job = self.farm.job(lease.job).unwrap();
-                let worker = &self.farm.workers[&lease.worker];
+                let worker = self.farm.workers.get(lease.worker).unwrap();
                 assert!(worker.fits(job) && !job.is_paused() && lease.node.end() <= job.leaves());
                 let first = lease.node.first();
                 let next = first == job.complete() && job.nodes_in_doubt().all(|node| node.first() > first);
@@ -53,7 +53,7 @@ impl World {
         let Some(reason) = &standing.quarantine else { return };
         self.seen.quarantines += 1;
         let refuted = reason.contains("two others agree");
-        let mut namesakes = self.farm.namesakes(&self.farm.workers[&worker].record);
+        let mut namesakes = self.farm.namesakes(&self.farm.workers.get(worker).unwrap().record);
         let deserves = |worker: &WorkerId| self.dishonest.contains(worker) || self.by_hand.contains(worker);
         assert!(
             !refuted || namesakes.any(|other| deserves(&other.record.id)),
@@ -71,7 +71,7 @@ impl World {
                 assert!(node.first() >= end && node.end() <= job.leaves());
                 end = node.end();
             }
-            for (node, record) in &job.nodes {
+            for (node, record) in job.nodes.all.iter() {
                 // Two that go on from one lie agree.
                 let excused = job.is_chain() && self.mode == Mode::Free;
                 assert!(
@@ -97,6 +97,40 @@ impl World {
         );
     }
 
+    /// The indexes hold what a look at everything finds.
+    pub(in crate::scheduler::tests) fn check_indexes(&self) {
+        let (mut index, mut held) = (JobIndex::default(), Held::default());
+        index.serve(self.farm.counters.share);
+        for job in self.farm.jobs() {
+            let again = Job::from_record(as_record(job), &self.config);
+            assert_eq!(job.nodes, again.nodes);
+            assert_eq!((&job.lent, &job.repeated), (&again.lent, &again.repeated));
+            assert_eq!((&job.given_up, &job.free), (&again.given_up, &again.free));
+            assert_eq!(job.free.iter().collect::<Vec<_>>(), free_ranges(job, &self.config));
+            assert_eq!(job.done(), job.live_nodes().map(|(node, _)| node.leaves()).sum::<u64>());
+            let siblings = job.live_nodes().map(|(node, _)| node.parent());
+            let ready: BTreeSet<(u64, u32)> = siblings
+                .filter(|parent| {
+                    let mut children = parent.children().into_iter().flatten();
+                    children.all(|child| job.is_live(child) && !job.waits(child))
+                })
+                .map(|parent| (parent.first(), parent.level))
+                .collect();
+            assert!(job.nodes.pairs.keys().eq(&ready));
+            index.insert(job.id(), &job.facts());
+            job.leases
+                .values()
+                .for_each(|lease| held.insert(&lease.record, &self.config));
+        }
+        assert_eq!((&index, &held), (&self.farm.index, &self.farm.held));
+        for (skill, crew) in self.farm.workers.crews() {
+            let alike = self.farm.workers.values();
+            let alike = alike.filter(|worker| **worker.skill() == *skill && !self.farm.is_silent(worker, self.now));
+            let (held, free): (Vec<_>, Vec<_>) = alike.partition(|worker| worker.is_held());
+            assert_eq!((crew.held, crew.workers()), (held.len() as u64, free.len() as u64));
+        }
+    }
+
     pub(super) fn check_refusal(&self, refusal: &Refusal) {
         match refusal {
             Refusal::StaleLease(_) | Refusal::UnknownJob(_) | Refusal::JobEnded(_) => {}
@@ -109,9 +143,9 @@ impl World {
 
     pub(in crate::scheduler::tests) fn check_end(&mut self) {
         for record in self.rows.jobs.values() {
-            let job = Job::from_record(record.clone());
+            let job = Job::from_record(record.clone(), &self.config);
             assert!(job.leases.is_empty());
-            let status = job.status(&self.config);
+            let status = job.status();
             if status.state == JobState::Cancelled {
                 continue;
             }
@@ -173,7 +207,7 @@ impl World {
 
 /// A job as it should be kept.
 fn as_record(job: &Job) -> JobRecord {
-    let nodes: Vec<(NodeKey, NodeRecord)> = job.nodes.iter().map(|(key, node)| (*key, node.clone())).collect();
+    let nodes: Vec<(NodeKey, NodeRecord)> = job.nodes.all.iter().map(|(key, node)| (*key, node.clone())).collect();
     let failures = job.failures.iter();
     JobRecord {
         head: job.head.clone(),
@@ -196,4 +230,28 @@ fn sorted(mut record: JobRecord) -> JobRecord {
     record.failures.sort_by_key(|(leaf, _)| *leaf);
     record.leases.sort_by_key(|lease| lease.token);
     record
+}
+
+/// The leaves of a job that are neither in the image, nor lent, nor given up, found one by one.
+fn free_ranges(job: &Job, config: &SchedulerConfig) -> Vec<(u64, u64)> {
+    let lent = |leaf: u64| {
+        let leases = job.leases.values().map(|lease| &lease.record);
+        let mut lent = leases.filter(|lease| !lease.verifies).map(|lease| lease.node);
+        lent.any(|node| node.first() <= leaf && leaf < node.end())
+    };
+    let mut ranges: Vec<(u64, u64)> = Vec::new();
+    for leaf in 0..job.leaves() {
+        let failed = job.failures.get(&(leaf as u32));
+        if job.covering(NodeKey::leaf(leaf as u32)).is_some()
+            || lent(leaf)
+            || failed.is_some_and(|failed| config.gives_up(failed))
+        {
+            continue;
+        }
+        match ranges.last_mut().filter(|(_, end)| *end == leaf) {
+            Some((_, end)) => *end += 1,
+            None => ranges.push((leaf, leaf + 1)),
+        }
+    }
+    ranges
 }

@@ -204,7 +204,7 @@ impl World {
             Letter::Node(delivery) => {
                 let decision = self.farm.deliver(&delivery, self.now);
                 if let Err(Refusal::UnknownJob(_)) = decision {
-                    let job = Job::from_record(self.rows.jobs[&delivery.job].clone());
+                    let job = Job::from_record(self.rows.jobs[&delivery.job].clone(), &self.config);
                     let (reply, changes) = match job.deliver(&delivery, Principal::default(), false) {
                         Ok(found) => found,
                         Err(refusal) => return self.check_refusal(&refusal),
