@@ -4,9 +4,9 @@
 use super::table::LOOKS;
 use super::*;
 
-/// Most entries that an event looks at, whatever the size of the farm. Measured: 290 for a lease, most of them levels of the tree at
-/// which another lease might be.
-const MOST: u64 = 400;
+/// Most entries that an event looks at, whatever the size of the farm. An upload looks at 72, more than anything else: at each level of
+/// the tree there might be a lease that is done with.
+const MOST: u64 = 80;
 
 /// Counts the entries that are looked at.
 fn cost<T>(event: impl FnOnce() -> T) -> (T, u64) {
@@ -123,6 +123,7 @@ fn costs(size: u64) -> [(&'static str, u64); 5] {
 fn what_an_event_costs_does_not_grow_with_the_farm() {
     for size in [16, 2048] {
         for (event, cost) in costs(size) {
+            println!("{event} looks at {cost} entries in a farm of size {size}");
             assert!(cost <= MOST, "{event} looks at {cost} entries in a farm of size {size}");
         }
     }
