@@ -132,7 +132,8 @@ impl Job {
         changes
     }
 
-    /// Ends the leases that share leaves with `node` and of which every leaf is in the image, once `node` is added to it or as it is.
+    /// Ends the leases that share leaves with `node` and of which every leaf is in the image, once `node` is added to
+    /// it or as it is.
     fn leases_covered_by(&self, node: NodeKey, added: bool) -> Vec<Change> {
         let covered = |block: NodeKey| match added {
             true if node.contains(block) => true,

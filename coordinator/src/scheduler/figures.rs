@@ -56,8 +56,8 @@ impl Farm {
         figures
     }
 
-    /// The leases that the iterations left of a job make. One is as many iterations as a worker renders in the time of a lease; one
-    /// iteration, until a speed is known. A chain is worked on by one worker at a time.
+    /// The leases that the iterations left of a job make. One is as many iterations as a worker renders in the time of
+    /// a lease; one iteration, until a speed is known. A chain is worked on by one worker at a time.
     fn pending_leases(&self, job: &Job, left: u64) -> u64 {
         let speed = job.pace.iterations_per_second().unwrap_or(0.0) / job.workers().max(1) as f64;
         let target_s = self.config.lease_target_ms as f64 / 1e3;

@@ -1,5 +1,6 @@
-//! The jobs of the farm as they are looked for: whom to serve next, what waits for the clock, what is to be merged, and how many wait
-//! for what. All of it follows from a few facts of each job; when a job changes, the index takes the old facts out and puts the new ones in.
+//! The jobs of the farm as they are looked for: whom to serve next, what waits for the clock, what is to be merged, and
+//! how many wait for what. All of it follows from a few facts of each job; when a job changes, the index takes the old
+//! facts out and puts the new ones in.
 
 use super::job::Job;
 use super::record::Millis;
@@ -107,7 +108,8 @@ impl Job {
         u64::from(self.control.schedule.priority.max(1))
     }
 
-    /// Whether there are leaves that nobody has, though they may have to rest. Nobody else could work on a chain meanwhile.
+    /// Whether there are leaves that nobody has, though they may have to rest. Nobody else could work on a chain
+    /// meanwhile.
     fn can_lend(&self) -> bool {
         let waits = self.is_chain() && (!self.lent.is_empty() || !self.nodes.doubts.is_empty());
         self.free.leaves() > 0 && !waits
@@ -229,8 +231,8 @@ impl JobIndex {
         });
     }
 
-    /// The jobs with something to do that nobody does, for workers of which `meets` says whether they meet a demand: the one
-    /// that is to be served next comes first.
+    /// The jobs with something to do that nobody does, for workers of which `meets` says whether they meet a demand:
+    /// the one that is to be served next comes first.
     pub(super) fn next_jobs(&self, meets: impl Fn(&Demand) -> bool) -> impl Iterator<Item = JobId> {
         let met = self.queues.iter().filter(move |(demand, _)| meets(demand));
         let mut queues: Vec<_> = met

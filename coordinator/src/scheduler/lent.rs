@@ -1,5 +1,5 @@
-//! Which leases are on which leaves: blocks are nodes of the tree, so that those which share leaves with one either contain it or lie
-//! within it.
+//! Which leases are on which leaves: blocks are nodes of the tree, so that those which share leaves with one either
+//! contain it or lie within it.
 
 use super::table::Table;
 use photonfarm_proto::id::LeaseToken;

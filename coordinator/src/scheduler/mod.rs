@@ -4,8 +4,8 @@
 //! them with [`Farm::evolve`]. What is kept and what is remembered are therefore the same, whatever fails between.
 //! A restart is [`Farm::restore`].
 //!
-//! What an event costs grows with the logarithm of the numbers of jobs, leases and nodes: [`Farm::evolve`] keeps indexes up to date
-//! ([`index`], [`held`], [`roster`], [`nodes`]), and decisions look there instead of searching.
+//! What an event costs grows with the logarithm of the numbers of jobs, leases and nodes: [`Farm::evolve`] keeps
+//! indexes up to date ([`index`], [`held`], [`roster`], [`nodes`]), and decisions look there instead of searching.
 
 mod alive;
 mod block;
@@ -225,8 +225,8 @@ impl Farm {
         Decision::new((), changes)
     }
 
-    /// Time has passed: workers that were silent for as long as leases last are heard of no more, and it is noted how fast
-    /// jobs go. Nothing of it is kept.
+    /// Time has passed: workers that were silent for as long as leases last are heard of no more, and it is noted how
+    /// fast jobs go. Nothing of it is kept.
     pub fn pass_time(&mut self, now: Millis) {
         if let Some(since) = now.checked_sub(self.config.lease_ttl_ms) {
             self.workers.miss(since);

@@ -1,5 +1,5 @@
-//! The nodes of a job as they are looked for: what is kept of each, and in which order they wait for what. Every change of a node, of a
-//! lease on it, or of how the job goes on keeps this up to date, so that nothing is searched for.
+//! The nodes of a job as they are looked for: what is kept of each, and in which order they wait for what. Every change
+//! of a node, of a lease on it, or of how the job goes on keeps this up to date, so that nothing is searched for.
 
 use super::job::Job;
 use super::record::{NodeRecord, Principal};
@@ -18,7 +18,8 @@ pub(super) struct Nodes {
     pub(super) done: u64,
     /// Those that count and wait for others to repeat them, by first leaf.
     pub(super) doubts: Table<u64, NodeKey>,
-    /// Of those, the ones that nobody is repeating: by the one principal that has spoken, if it is one, and by first leaf.
+    /// Of those, the ones that nobody is repeating: by the one principal that has spoken, if it is one, and by first
+    /// leaf.
     unrepeated: Set<(Option<Principal>, u64)>,
     /// First leaves of those that count and no coordinator has read yet.
     pub(super) unread: Set<u64>,

@@ -170,8 +170,8 @@ impl Farm {
         Some((Waiting::Doubt, detail))
     }
 
-    /// Whether one of the workers that are heard of would be given something of a job, if its turn came. Workers differ only in
-    /// what those who are behind them failed at and have said: those are asked, and one of the others.
+    /// Whether one of the workers that are heard of would be given something of a job, if its turn came. Workers differ
+    /// only in what those who are behind them failed at and have said: those are asked, and one of the others.
     fn somebody_could(&self, job: &Job, now: Millis) -> bool {
         let staff = self.workers.staff_for(job);
         let failed = job.failures.values().flatten().map(|failed| failed.principal);

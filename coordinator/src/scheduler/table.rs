@@ -1,5 +1,5 @@
-//! Ordered maps and sets of the scheduler. In tests they count the entries that are looked at, so that what an event costs
-//! is a number that a test can hold.
+//! Ordered maps and sets of the scheduler. In tests they count the entries that are looked at, so that what an event
+//! costs is a number that a test can hold.
 
 use std::borrow::Borrow;
 use std::collections::BTreeMap;

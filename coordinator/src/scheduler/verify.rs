@@ -304,8 +304,8 @@ impl Farm {
         self.blame(job, changes, verdict.at_fault, refuted.collect())
     }
 
-    /// What follows for workers that were at fault, and for those that go into quarantine, of which the reasons are given. Too many faults lead
-    /// to quarantine, too.
+    /// What follows for workers that were at fault, and for those that go into quarantine, of which the reasons are
+    /// given. Too many faults lead to quarantine, too.
     fn blame(
         &self,
         job: &Job,

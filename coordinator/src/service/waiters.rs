@@ -1,5 +1,5 @@
-//! Workers that wait for work. Whatever may bring work wakes one of those that can do the same, and whoever is given some wakes the next: an
-//! event costs the same however many wait.
+//! Workers that wait for work. Whatever may bring work wakes one of those that can do the same, and whoever is given
+//! some wakes the next: an event costs the same however many wait.
 
 use crate::scheduler::Skill;
 use std::collections::BTreeMap;

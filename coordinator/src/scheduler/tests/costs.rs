@@ -1,11 +1,12 @@
-//! What an event costs, in entries of tables that are looked at: it does not grow with the number of jobs, workers, leases and nodes. (To
-//! find one entry takes a number of comparisons that grows with the logarithm; that is the tables' business.)
+//! What an event costs, in entries of tables that are looked at: it does not grow with the number of jobs, workers,
+//! leases and nodes. (To find one entry takes a number of comparisons that grows with the logarithm; that is the
+//! tables' business.)
 
 use super::table::LOOKS;
 use super::*;
 
-/// Most entries that an event looks at, whatever the size of the farm. An upload looks at 72, more than anything else: at each level of
-/// the tree there might be a lease that is done with.
+/// Most entries that an event looks at, whatever the size of the farm. An upload looks at 72, more than anything else:
+/// at each level of the tree there might be a lease that is done with.
 const MOST: u64 = 80;
 
 /// Counts the entries that are looked at.
@@ -15,8 +16,9 @@ fn cost<T>(event: impl FnOnce() -> T) -> (T, u64) {
     (result, LOOKS.get() - before)
 }
 
-/// A farm of `size` workers, each with a lease of the first job, `size` nodes of that job that cannot be merged, `size` leaves that were
-/// given up, `size` jobs of others that are lent out, and as many that wait, some of them for workers that are not there.
+/// A farm of `size` workers, each with a lease of the first job, `size` nodes of that job that cannot be merged, `size`
+/// leaves that were given up, `size` jobs of others that are lent out, and as many that wait, some of them for workers
+/// that are not there.
 fn farm_of(size: u64) -> Farm {
     let config = SchedulerConfig {
         verify_until: 0,
