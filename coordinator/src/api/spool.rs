@@ -2,7 +2,7 @@
 
 use super::ApiError;
 use crate::store::BlobReader;
-use axum::body::Body;
+use axum::body::{Body, Bytes};
 use axum::http::header::CONTENT_LENGTH;
 use axum::response::Response;
 use futures_util::StreamExt;
@@ -46,7 +46,7 @@ pub(super) enum LongBody {
     /// There is none.
     None,
     /// It was made for this answer.
-    Bytes(Vec<u8>),
+    Bytes(Bytes),
     /// So many bytes in the store.
     Stored(u64, BlobReader),
 }
@@ -84,7 +84,7 @@ impl Spool {
 }
 
 /// Moves bytes to a file without a name.
-async fn put_aside(bytes: Vec<u8>) -> Result<File, ApiError> {
+async fn put_aside(bytes: Bytes) -> Result<File, ApiError> {
     let file = tokio::task::spawn_blocking(move || {
         let mut file = tempfile::tempfile()?;
         file.write_all(&bytes)?;
@@ -115,7 +115,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     async fn answer(spool: &Spool, bytes: usize) -> Result<BodyDataStream, ApiError> {
-        let made = async { Ok((Response::default(), LongBody::Bytes(vec![7; bytes]))) };
+        let made = async { Ok((Response::default(), LongBody::Bytes(vec![7; bytes].into()))) };
         Ok(spool.answer(made).await?.into_body().into_data_stream())
     }
 

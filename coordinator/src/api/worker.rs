@@ -99,7 +99,7 @@ pub(super) async fn statistics(
 ) -> Result<Response, ApiError> {
     service.check_worker(request.worker, &caller.name).await?;
     let head = [(CONTENT_TYPE, "application/octet-stream")].into_response();
-    let make = async { Ok((head, LongBody::Bytes(service.statistics(request).await?))) };
+    let make = async { Ok((head, LongBody::Bytes(service.statistics(request).await?.into()))) };
     spool.answer(make).await
 }
 

@@ -3,7 +3,7 @@
 //! others later, only as far as there is memory to spare.
 
 use super::ServiceError;
-use super::at_hand::{AtHand, Held};
+use super::at_hand::{AtHand, Held, Room};
 use crate::scheduler::record::BlobName;
 use crate::store::{BlobStore, StagedBlob};
 use axum::body::Bytes;
@@ -12,14 +12,19 @@ use photonfarm_proto::node::{NodeError, NodeHeader};
 use photonfarm_proto::planes::Pixels;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 
+/// Bytes that are hashed and written at a time, so that few of them cost a change of threads.
+const BATCH: usize = 1 << 20;
+
 /// An image of which a part has arrived.
 pub(super) struct Arrival {
     staged: Box<dyn StagedBlob>,
+    /// What is to be written next, and how many bytes that are.
+    batch: (Vec<Bytes>, usize),
     announced: BlobHash,
     /// Bytes to come.
     left: u64,
     pixels: Pixels,
-    held: Option<Held>,
+    held: Option<(Vec<u8>, Room)>,
 }
 
 /// An image that arrived whole, with the hash announced and pixels that can be.
@@ -38,15 +43,18 @@ impl Arrival {
         header: &NodeHeader,
         name: BlobName,
     ) -> Result<Self, ServiceError> {
-        let mut staged = store.stage(name).await?;
-        let head = header.to_bytes();
-        staged.write(&head).await?;
-        let mut held = at_hand.begin(name.hash, head.len() as u64 + header.plane_bytes());
-        if let Some(held) = &mut held {
-            held.push(Bytes::copy_from_slice(&head));
-        }
+        let staged = store.stage(name).await?;
+        let head = Bytes::copy_from_slice(&header.to_bytes());
+        let length = head.len() as u64 + header.plane_bytes();
+        let held = at_hand.room(name.hash, length).map(|room| {
+            // A buffer of its own: the pieces lie in larger ones.
+            let mut bytes = Vec::with_capacity(length as usize);
+            bytes.extend_from_slice(&head);
+            (bytes, room)
+        });
         Ok(Self {
             staged,
+            batch: (vec![head], NodeHeader::BYTES),
             announced: name.hash,
             left: header.plane_bytes(),
             pixels: Pixels::of(header),
@@ -59,21 +67,31 @@ impl Arrival {
         let left = self.left.checked_sub(piece.len() as u64);
         self.left = left.ok_or_else(|| Problem::new(ErrorCode::Malformed, "bytes follow the node's image"))?;
         self.pixels.look_at(&piece);
-        self.staged.write(&piece).await?;
-        if let Some(held) = &mut self.held {
-            held.push(piece);
+        if let Some((bytes, _)) = &mut self.held {
+            bytes.extend_from_slice(&piece);
+        }
+        self.batch.1 += piece.len();
+        self.batch.0.push(piece);
+        if self.batch.1 >= BATCH {
+            self.write().await?;
         }
         Ok(())
+    }
+
+    async fn write(&mut self) -> Result<(), ServiceError> {
+        let (pieces, _) = std::mem::take(&mut self.batch);
+        Ok(self.staged.write_pieces(pieces).await?)
     }
 
     /// The whole image, ready to be published; or what is wrong with an image that has the hash announced.
     ///
     /// # Errors
     /// The image is not whole, or has another hash.
-    pub(super) fn end(self) -> Result<Result<Arrived, NodeError>, ServiceError> {
+    pub(super) async fn end(mut self) -> Result<Result<Arrived, NodeError>, ServiceError> {
         if self.left > 0 {
             return Err(too_short());
         }
+        self.write().await?;
         let (found, announced) = (self.staged.hash(), self.announced);
         if found != announced {
             let detail = format!("the node's image has hash {found}, announced was {announced}");
@@ -83,7 +101,7 @@ impl Arrival {
             Some(error) => Err(error.clone().into()),
             None => Ok(Arrived {
                 staged: self.staged,
-                held: self.held,
+                held: self.held.map(|(bytes, room)| room.hold(bytes)),
             }),
         })
     }

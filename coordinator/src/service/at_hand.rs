@@ -3,13 +3,12 @@
 
 use crate::store::BlobReader;
 use axum::body::Bytes;
-use futures_util::stream;
 use photonfarm_proto::id::BlobHash;
 use std::collections::BTreeMap;
+use std::io::Cursor;
 use std::ops::Bound::{Excluded, Unbounded};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio_util::io::StreamReader;
 
 /// Unit in which memory is counted [bytes].
 const UNIT: u64 = 1024;
@@ -32,17 +31,26 @@ impl Default for AtHand {
     }
 }
 
-/// An image as it is gathered. It has its memory already.
+/// Memory for an image.
 #[derive(Debug)]
-pub(super) struct Held {
-    pieces: Vec<Bytes>,
-    _memory: OwnedSemaphorePermit,
+pub(super) struct Room {
+    _units: OwnedSemaphorePermit,
 }
 
-impl Held {
-    /// Appends bytes.
-    pub(super) fn push(&mut self, piece: Bytes) {
-        self.pieces.push(piece);
+/// An image in memory.
+#[derive(Debug)]
+pub(super) struct Held {
+    bytes: Bytes,
+    _room: Room,
+}
+
+impl Room {
+    /// An image in this memory. The bytes are to be all that their buffer holds, since that is what is counted.
+    pub(super) fn hold(self, bytes: impl Into<Bytes>) -> Held {
+        Held {
+            bytes: bytes.into(),
+            _room: self,
+        }
     }
 }
 
@@ -55,18 +63,15 @@ impl AtHand {
         }
     }
 
-    /// Begins an image of `bytes` bytes, and forgets others for it where it must. Nothing if there is no memory for it.
-    pub(super) fn begin(&self, digest: BlobHash, bytes: u64) -> Option<Held> {
+    /// Memory for an image of `bytes` bytes, for which others are forgotten where they must. Nothing if there is none.
+    pub(super) fn room(&self, digest: BlobHash, bytes: u64) -> Option<Room> {
         let units = u32::try_from(bytes.div_ceil(UNIT)).ok()?;
         if units as usize > self.most {
             return None;
         }
         loop {
             if let Ok(memory) = self.memory.clone().try_acquire_many_owned(units) {
-                return Some(Held {
-                    pieces: Vec::new(),
-                    _memory: memory,
-                });
+                return Some(Room { _units: memory });
             }
             self.forget_another(digest)?;
         }
@@ -93,10 +98,8 @@ impl AtHand {
 
     /// Length and bytes of an image.
     pub(super) fn open(&self, digest: BlobHash) -> Option<(u64, BlobReader)> {
-        let pieces = self.images().get(&digest)?.pieces.clone();
-        let length = pieces.iter().map(|piece| piece.len() as u64).sum();
-        let bytes = stream::iter(pieces.into_iter().map(Ok::<_, std::io::Error>));
-        Some((length, Box::new(StreamReader::new(bytes))))
+        let bytes = self.images().get(&digest)?.bytes.clone();
+        Some((bytes.len() as u64, Box::new(Cursor::new(bytes))))
     }
 
     fn images(&self) -> MutexGuard<'_, BTreeMap<BlobHash, Held>> {
@@ -111,9 +114,8 @@ mod tests {
 
     fn keep(at_hand: &AtHand, bytes: &'static [u8]) -> BlobHash {
         let digest = BlobHash::of(bytes);
-        let mut image = at_hand.begin(digest, UNIT).unwrap();
-        bytes.chunks(2).for_each(|piece| image.push(Bytes::from_static(piece)));
-        at_hand.keep(digest, image);
+        let room = at_hand.room(digest, UNIT).unwrap();
+        at_hand.keep(digest, room.hold(bytes));
         digest
     }
 
@@ -140,13 +142,11 @@ mod tests {
         }
         assert_eq!(at_hand.images().len(), 2);
         // Images on their way are not forgotten for others, and neither is anything for one that would never fit.
-        let on_their_way: Vec<_> = (0..2)
-            .map(|_| at_hand.begin(BlobHash::of(b""), UNIT).unwrap())
-            .collect();
-        assert!(at_hand.begin(BlobHash::of(b""), UNIT).is_none());
+        let on_their_way: Vec<_> = (0..2).map(|_| at_hand.room(BlobHash::of(b""), UNIT).unwrap()).collect();
+        assert!(at_hand.room(BlobHash::of(b""), UNIT).is_none());
         drop(on_their_way);
         let digest = keep(&at_hand, b"one");
-        assert!(at_hand.begin(BlobHash::of(b""), 3 * UNIT).is_none());
+        assert!(at_hand.room(BlobHash::of(b""), 3 * UNIT).is_none());
         assert!(at_hand.open(digest).is_some());
     }
 }

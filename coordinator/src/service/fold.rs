@@ -5,6 +5,7 @@ use super::{Part, Service, ServiceError};
 use crate::scheduler::record::BlobName;
 use crate::scheduler::{Farm, Job};
 use crate::store;
+use axum::body::Bytes;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::node::NodeKey;
@@ -78,7 +79,8 @@ impl Service {
                 Err(AddError::Store(error)) => return Err(error.into()),
             }
             let publication = self.publication().await;
-            let stored = store::put(&*self.stores.nodes, &image, store::new_copy()?)
+            let bytes = Bytes::from(std::mem::take(&mut image));
+            let stored = store::put(&*self.stores.nodes, bytes.clone(), store::new_copy()?)
                 .await
                 .map_err(ServiceError::from);
             self.note(Part::Images, &stored);
@@ -86,9 +88,8 @@ impl Service {
             let merge = move |farm: &Farm, _| Ok(farm.merge(job, node, sum));
             if !self.transact_until(publication.last, merge).await? {
                 self.discard(job, sum);
-            } else if let Some(mut held) = self.at_hand.begin(sum.hash, image.len() as u64) {
-                held.push(std::mem::take(&mut image).into());
-                self.at_hand.keep(sum.hash, held);
+            } else if let Some(room) = self.at_hand.room(sum.hash, bytes.len() as u64) {
+                self.at_hand.keep(sum.hash, room.hold(bytes));
             }
         }
         Ok(())

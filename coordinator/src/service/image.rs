@@ -3,6 +3,7 @@
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
 use crate::store::BlobReader;
+use axum::body::Bytes;
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::{self, PictureMetadata};
 use photonfarm_core::settings::IntegratorSettings;
@@ -46,7 +47,7 @@ pub enum PictureFile {
     /// The client has it: it sent the same tag.
     Known,
     /// It was just made.
-    Made(Vec<u8>),
+    Made(Bytes),
     /// It was kept, with so many bytes.
     Kept(u64, BlobReader),
 }
@@ -106,8 +107,10 @@ impl Service {
         let bytes = tokio::task::spawn_blocking(encode)
             .await
             .map_err(|_| ServiceError::Stopping)??;
+        let bytes = Bytes::from(bytes);
         if let Some(ended_ms) = job.ended_ms() {
-            self.keep_picture((job.id(), ended_ms), format, etag, &bytes).await;
+            self.keep_picture((job.id(), ended_ms), format, etag, bytes.clone())
+                .await;
         }
         Ok(Some(PictureFile::Made(bytes)))
     }

@@ -70,7 +70,7 @@ impl Service {
                 let detail = format!("the file is longer than the {limit} bytes of its manifest");
                 return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());
             }
-            staged.write(&piece).await?;
+            staged.write_pieces(vec![piece]).await?;
         }
         let placing = self.missing_files.placing().await;
         staged.publish().await?;

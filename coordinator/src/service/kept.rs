@@ -6,6 +6,7 @@ use super::{Service, ServiceError, garbage};
 use crate::scheduler::Job;
 use crate::scheduler::record::{BlobName, Millis};
 use crate::store::{self, BlobReader, PictureRecord, StoreError};
+use axum::body::Bytes;
 use photonfarm_proto::id::JobId;
 use std::sync::Arc;
 use tokio::io::AsyncReadExt;
@@ -64,7 +65,7 @@ impl Service {
         (job, ended_ms): (JobId, Millis),
         format: ImageFormat,
         etag: &str,
-        bytes: &[u8],
+        bytes: Bytes,
     ) {
         if let Err(error) = self.try_keep((job, ended_ms), format, etag, bytes).await {
             tracing::warn!(%job, %error, "the picture could not be kept: it is made anew when it is asked for again");
@@ -76,9 +77,10 @@ impl Service {
         (job, ended_ms): (JobId, Millis),
         format: ImageFormat,
         etag: &str,
-        bytes: &[u8],
+        bytes: Bytes,
     ) -> Result<(), ServiceError> {
         let publication = self.publication().await;
+        let length = bytes.len() as u64;
         let image = store::put(&*self.stores.nodes, bytes, store::new_copy()?).await?;
         if self.clock.now() > publication.last {
             return Err(garbage::too_late());
@@ -86,7 +88,7 @@ impl Service {
         let picture = PictureRecord {
             etag: etag.to_owned(),
             image,
-            bytes: bytes.len() as u64,
+            bytes: length,
         };
         let state = &self.stores.state;
         let unnamed = state.put_picture(job, ended_ms, format.name(), picture).await?;

@@ -4,6 +4,8 @@ mod arrival;
 mod at_hand;
 mod clock;
 mod counts;
+#[cfg(test)]
+mod ended_tests;
 mod error;
 mod fold;
 mod garbage;

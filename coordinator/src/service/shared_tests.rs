@@ -4,6 +4,7 @@ use super::*;
 use crate::access::Caller;
 use crate::scheduler::record::Origin;
 use crate::store::{self, FolderStore, PostgresStore};
+use axum::body::Bytes;
 use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 use photonfarm_proto::RENDERER;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
@@ -33,7 +34,9 @@ async fn open(url: &str, folder: &Path) -> Arc<Service> {
 async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
     let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
     let bundle = service.submit_bundle(BundleManifest { files }, &Caller::anyone()).await;
-    store::put(&*service.stores.scenes, b"scene", 0).await.unwrap();
+    store::put(&*service.stores.scenes, Bytes::from_static(b"scene"), 0)
+        .await
+        .unwrap();
     let spec = JobSpec {
         scene: bundle.unwrap().bundle,
         main: "scene.xml".into(),

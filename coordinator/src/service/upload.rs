@@ -49,7 +49,7 @@ impl Service {
         while let Some(piece) = body.next().await? {
             image.take(piece).await?;
         }
-        match image.end()? {
+        match image.end().await? {
             Ok(image) => self.accept(delivery, image).await,
             // Its bytes came as they were sent, so that the network is not to blame.
             Err(error) => {

@@ -63,7 +63,11 @@ async fn blobs_are_there_whole_or_not_at_all() {
         staged.write(b"ght").await.unwrap();
         assert_eq!(store.list().await.unwrap(), [], "{name}");
         staged.publish().await.unwrap();
-        assert_eq!(store.read(hash, 5).await.unwrap(), b"light", "{name}");
+        assert_eq!(
+            store.read(hash, 5).await.unwrap(),
+            Bytes::from_static(b"light"),
+            "{name}"
+        );
         assert_eq!(store.size(hash).await.unwrap(), Some(5), "{name}");
         assert!(
             matches!(store.read(hash, 4).await, Err(StoreError::Damaged(_))),
@@ -79,9 +83,17 @@ async fn blobs_are_there_whole_or_not_at_all() {
         assert_eq!(store.size(BlobHash::of(b"dark").into()).await.unwrap(), None, "{name}");
         drop(store.stage(BlobHash::of(b"dark").into()).await.unwrap());
 
-        assert_eq!(put(&*store, b"light", 5).await.unwrap(), hash, "{name}");
+        assert_eq!(
+            put(&*store, Bytes::from_static(b"light"), 5).await.unwrap(),
+            hash,
+            "{name}"
+        );
         assert_eq!(store.size(another).await.unwrap(), None, "{name}");
-        assert_eq!(put(&*store, b"light", 6).await.unwrap(), another, "{name}");
+        assert_eq!(
+            put(&*store, Bytes::from_static(b"light"), 6).await.unwrap(),
+            another,
+            "{name}"
+        );
         let (bytes, reader) = store.open(hash).await.unwrap();
         assert_eq!((bytes, read_all(reader).await), (5, b"light".to_vec()), "{name}");
         store.remove(hash).await.unwrap();
@@ -102,7 +114,7 @@ async fn blobs_are_listed_with_their_age() {
     for (name, store) in world.stores().await {
         let mut names = Vec::new();
         for (blob, copy) in [(b"a".as_slice(), 0), (b"b", 1), (b"c", u64::MAX)] {
-            names.push(put(&*store, blob, copy).await.unwrap());
+            names.push(put(&*store, Bytes::copy_from_slice(blob), copy).await.unwrap());
         }
         names.sort_unstable();
         let mut listed = store.list().await.unwrap();
@@ -153,7 +165,7 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
     let world = World::new();
     let store = world.objects().await;
     let http = reqwest::Client::builder().no_proxy().build().unwrap();
-    let hash = put(&store, b"light", 0).await.unwrap();
+    let hash = put(&store, Bytes::from_static(b"light"), 0).await.unwrap();
     let url = store.read_url(hash).await.unwrap().unwrap();
     let get = async |url: &str| http.get(url).send().await.unwrap();
     assert_eq!(get(&url).await.bytes().await.unwrap(), b"light".as_slice());
@@ -197,7 +209,7 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
 async fn an_object_store_that_is_away_fails_for_now_and_wrong_keys_for_good() {
     let mut world = World::new();
     let store = world.objects().await;
-    let hash = put(&store, b"light", 0).await.unwrap();
+    let hash = put(&store, Bytes::from_static(b"light"), 0).await.unwrap();
     world.s3.stop();
     let error = store.read(hash, 5).await.unwrap_err();
     assert!(error.retryable(), "{error}");
@@ -230,7 +242,7 @@ async fn half_written_blobs_are_gone_after_a_restart() {
 async fn damaged_blobs_are_noticed() {
     let folder = tempfile::tempdir().unwrap();
     let store = FolderStore::open(folder.path(), false).unwrap();
-    let hash = put(&store, b"light", 0).await.unwrap();
+    let hash = put(&store, Bytes::from_static(b"light"), 0).await.unwrap();
     let digits = hash.to_string();
     std::fs::write(folder.path().join(&digits[..2]).join(&digits[2..]), b"lighs").unwrap();
     assert!(matches!(store.read(hash, 5).await, Err(StoreError::Damaged(_))));

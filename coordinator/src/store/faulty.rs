@@ -182,9 +182,13 @@ struct FaultyStage {
 
 #[async_trait]
 impl StagedBlob for FaultyStage {
-    async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+    async fn write_pieces(&mut self, pieces: Vec<Bytes>) -> Result<(), StoreError> {
         self.faults.at(Step::Write).await?;
-        self.inner.write(bytes).await
+        self.inner.write_pieces(pieces).await
+    }
+
+    fn trust(&mut self) {
+        self.inner.trust();
     }
 
     fn hash(&self) -> BlobHash {

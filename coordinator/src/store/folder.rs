@@ -3,12 +3,12 @@
 use super::{BlobReader, BlobStore, StagedBlob, StoreError, check_folder, not_writable};
 use crate::scheduler::record::BlobName;
 use async_trait::async_trait;
+use bytes::Bytes;
 use photonfarm_proto::id::BlobHash;
-use std::io::{ErrorKind, Read};
+use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tokio::fs::{self, File};
-use tokio::io::AsyncWriteExt;
 
 const STAGING: &str = "staging";
 
@@ -94,13 +94,12 @@ impl BlobStore for FolderStore {
             file.keep().map_err(|error| io(&staging)(error.error))
         })
         .await?;
-        let (file, guard) = (File::from_std(file), StagedPath(path));
+        let hasher = Some(blake3::Hasher::new());
         Ok(Box::new(StagedFile {
             store: self.clone(),
-            file,
-            guard,
+            guard: StagedPath(path),
             name,
-            hasher: blake3::Hasher::new(),
+            content: Some(Content { file, hasher }),
         }))
     }
 
@@ -194,40 +193,71 @@ impl Drop for StagedPath {
 
 struct StagedFile {
     store: FolderStore,
-    file: File,
     guard: StagedPath,
     name: BlobName,
-    hasher: blake3::Hasher,
+    /// None once it could not be written.
+    content: Option<Content>,
+}
+
+/// A file as it is written.
+struct Content {
+    file: std::fs::File,
+    /// None where the caller is trusted.
+    hasher: Option<blake3::Hasher>,
+}
+
+impl Content {
+    fn append(&mut self, pieces: &[Bytes]) -> std::io::Result<()> {
+        for piece in pieces {
+            if let Some(hasher) = &mut self.hasher {
+                hasher.update(piece);
+            }
+            self.file.write_all(piece)?;
+        }
+        Ok(())
+    }
 }
 
 #[async_trait]
 impl StagedBlob for StagedFile {
-    async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        self.hasher.update(bytes);
-        self.file.write_all(bytes).await.map_err(io(&self.guard.0))
+    async fn write_pieces(&mut self, pieces: Vec<Bytes>) -> Result<(), StoreError> {
+        let mut content = self.content.take().ok_or(StoreError::Stopped)?;
+        let path = self.guard.0.clone();
+        let append = move || {
+            content.append(&pieces).map_err(io(&path))?;
+            Ok(content)
+        };
+        self.content = Some(in_background(append).await?);
+        Ok(())
+    }
+
+    fn trust(&mut self) {
+        if let Some(content) = &mut self.content {
+            content.hasher = None;
+        }
     }
 
     fn hash(&self) -> BlobHash {
-        self.hasher.finalize().into()
+        let hasher = self.content.as_ref().and_then(|content| content.hasher.as_ref());
+        hasher.map_or(self.name.hash, |hasher| hasher.finalize().into())
     }
 
     async fn publish(self: Box<Self>) -> Result<(), StoreError> {
         let found = self.hash();
         let Self {
             store,
-            mut file,
             guard,
             name,
-            ..
+            content,
         } = *self;
         if found != name.hash {
             let expected = name.hash;
             return Err(StoreError::WrongHash { expected, found });
         }
-        file.flush().await.map_err(io(&guard.0))?;
-        file.sync_all().await.map_err(io(&guard.0))?;
+        let Content { file, .. } = content.ok_or(StoreError::Stopped)?;
         let path = store.path(name);
         in_background(move || {
+            file.sync_all().map_err(io(&guard.0))?;
             let folder = path.parent().unwrap_or(&store.root);
             if !folder.is_dir() {
                 std::fs::create_dir_all(folder).map_err(io(folder))?;

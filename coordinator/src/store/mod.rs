@@ -7,6 +7,8 @@ mod backup;
 #[cfg(test)]
 mod blob_tests;
 #[cfg(test)]
+mod deletion_tests;
+#[cfg(test)]
 pub(crate) mod faulty;
 mod folder;
 #[cfg(test)]
@@ -36,6 +38,7 @@ pub use sqlite::SqliteStore;
 use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
+use bytes::Bytes;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -415,9 +418,17 @@ pub type BlobReader = Box<dyn tokio::io::AsyncRead + Send + Unpin>;
 /// A blob that is being written.
 #[async_trait]
 pub trait StagedBlob: Send {
-    /// Appends bytes.
-    async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError>;
-    /// The hash of the bytes written so far.
+    /// Appends bytes, piece by piece. After an error there is nothing more to do with it.
+    async fn write_pieces(&mut self, pieces: Vec<Bytes>) -> Result<(), StoreError>;
+
+    /// Appends a copy of bytes.
+    async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        self.write_pieces(vec![Bytes::copy_from_slice(bytes)]).await
+    }
+
+    /// The caller has found that the bytes to be written have the hash announced: it is not computed again.
+    fn trust(&mut self);
+    /// The hash of the bytes written so far; the one announced where the caller is trusted.
     fn hash(&self) -> BlobHash;
     /// Makes the bytes durable and visible, if they have the hash announced.
     async fn publish(self: Box<Self>) -> Result<(), StoreError>;
@@ -429,11 +440,14 @@ pub fn new_copy() -> Result<u64, StoreError> {
 }
 
 /// Stages and publishes bytes at hand, as the given copy of them.
-pub async fn put(store: &dyn BlobStore, bytes: &[u8], copy: u64) -> Result<BlobName, StoreError> {
-    let hash = BlobHash::of(bytes);
+pub async fn put(store: &dyn BlobStore, bytes: Bytes, copy: u64) -> Result<BlobName, StoreError> {
+    let hashed = bytes.clone();
+    let hash = tokio::task::spawn_blocking(move || BlobHash::of(&hashed));
+    let hash = hash.await.map_err(|_| StoreError::Stopped)?;
     let name = BlobName { hash, copy };
     let mut staged = store.stage(name).await?;
-    staged.write(bytes).await?;
+    staged.trust();
+    staged.write_pieces(vec![bytes]).await?;
     staged.publish().await?;
     Ok(name)
 }
