@@ -75,7 +75,7 @@ impl Job {
             demand: self.demand.clone(),
             owner: self.owner.clone(),
             weight: (!paused).then(|| self.weight()),
-            share_ms: self.share_ms,
+            share_ms: self.share_ms(),
             open: !paused && (self.nodes.wants_repeats() || self.can_lend()),
             queued: self.state == JobState::Queued,
             leased,

@@ -31,8 +31,10 @@ pub struct HeldLease {
 pub struct Job {
     pub(super) head: JobHead,
     pub(super) control: JobControl,
-    /// What it has had of the farm [weighted ms].
-    pub(super) share_ms: Millis,
+    /// What it was charged of the farm [weighted ms]; kept as its share.
+    pub(super) charged_ms: Millis,
+    /// What leases took beyond what they should have, or less, since the last was granted [weighted ms].
+    share_correction_ms: i64,
     pub(super) state: JobState,
     pub(super) failure: Option<String>,
     pub(super) ended_ms: Option<Millis>,
@@ -68,7 +70,8 @@ impl Job {
         let control = JobControl::of(&head.spec);
         let mut job = Self {
             control: control.clone(),
-            share_ms: 0,
+            charged_ms: 0,
+            share_correction_ms: 0,
             chain: head.spec.integrator.with_defaults().is_sequential(),
             head,
             state: JobState::Queued,
@@ -99,7 +102,7 @@ impl Job {
         job.failure = record.failure;
         job.ended_ms = record.ended_ms;
         job.resolution = record.resolution;
-        job.share_ms = record.share_ms;
+        job.charged_ms = record.share_ms;
         job.unassigned = record.totals;
         job.set_control(record.control);
         for (leaf, attempt) in record.failures {
@@ -345,13 +348,44 @@ impl Job {
         Change::LeaseEnded { job: self.id(), token }
     }
 
+    /// What it has had of the farm [weighted ms]: leases that are over by what they took.
+    pub(super) fn share_ms(&self) -> Millis {
+        self.charged_ms.saturating_add_signed(self.share_correction_ms)
+    }
+
+    /// What the job was charged for a node when its lease was granted, for how long it should take, is corrected by
+    /// how long it took.
+    fn correct_share(&mut self, worker: WorkerId, node: NodeKey, seconds: f64, config: &SchedulerConfig) {
+        let leases = self.lent.sharing(node).map(|token| &self.leases[&token].record);
+        let Some(lease) = leases.into_iter().find(|lease| lease.worker == worker) else {
+            return;
+        };
+        let charged = lease.share[1].saturating_sub(lease.share[0]) as f64;
+        let expected_ms = lease.expected_ms.unwrap_or(config.lease_target_ms).max(1) as f64;
+        let part = node.leaves() as f64 / lease.node.leaves() as f64;
+        let correction = charged * (1e3 * seconds / expected_ms - part);
+        self.share_correction_ms = self.share_correction_ms.saturating_add(correction as i64);
+    }
+
+    /// Its weight is about to change: what it had beyond `served`, which the job served last had had, counts as if it
+    /// had had the new weight then.
+    pub(super) fn reweigh(&mut self, control: &JobControl, served: Millis) {
+        let (before, after) = (self.weight(), u64::from(control.schedule.priority.max(1)));
+        let ahead = self.share_ms().saturating_sub(served);
+        if before != after && ahead > 0 {
+            let rescaled = ahead as f64 * before as f64 / after as f64;
+            let correction = rescaled - ahead as f64;
+            self.share_correction_ms = self.share_correction_ms.saturating_add(correction as i64);
+        }
+    }
+
     /// Applies a change of this job.
     pub(super) fn evolve(&mut self, change: &Change, lease_until: Millis, config: &SchedulerConfig) {
         match change {
             Change::JobChanged { control, .. } => self.set_control(control.clone()),
             Change::LeaseGranted(record) => {
                 self.state = JobState::Running;
-                self.share_ms = record.share[1];
+                (self.charged_ms, self.share_correction_ms) = (record.share[1], 0);
                 self.hold(record.clone(), lease_until);
             }
             Change::LeaseEnded { token, .. } => self.let_go(*token),
@@ -362,7 +396,9 @@ impl Job {
                 ..
             } => {
                 if let (Some(worker), Some(totals)) = (record.worker, &record.totals) {
-                    self.pace.observe(worker, totals.seconds.total(), node.leaves());
+                    let seconds = totals.seconds.total();
+                    self.pace.observe(worker, seconds, node.leaves());
+                    self.correct_share(worker, *node, seconds, config);
                 }
                 self.keep_node(*node, record.clone());
                 self.free.remove(node.first(), node.end());

@@ -326,6 +326,9 @@ impl Farm {
     fn evolve_job(&mut self, id: JobId, change: &Change, now: Millis) {
         if let Some(job) = self.jobs.get_mut(&id) {
             let before = job.facts();
+            if let Change::JobChanged { control, .. } = change {
+                job.reweigh(control, self.counters.share);
+            }
             job.evolve(change, now + self.config.lease_ttl_ms, &self.config);
             self.index.update(id, &before, &job.facts());
         }

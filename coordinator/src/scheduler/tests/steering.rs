@@ -66,6 +66,30 @@ fn a_late_job_neither_waits_nor_takes_all() {
 }
 
 #[test]
+fn a_first_lease_counts_by_what_it_took() {
+    let mut farm = farm_with(100_000, 1);
+    let mut now = 0;
+    serve(&mut farm, 200, &mut now);
+    let late = submit(&mut farm, 100_000, "bob", Schedule::default());
+    // Its first lease is of one iteration, which is charged like a lease of the usual length and takes a tenth of that:
+    // the second, which begins with an odd leaf, is its own, too.
+    assert_eq!(serve(&mut farm, 2, &mut now), [(late, 2)].into());
+}
+
+#[test]
+fn a_job_whose_priority_is_raised_is_served_soon() {
+    let mut farm = farm_with(100_000, 1);
+    let mut now = 0;
+    commit(&mut farm, 0, |farm| farm.prioritize(JOB, 100).unwrap());
+    let other = submit(&mut farm, 100_000, "", priority(1));
+    assert!(serve(&mut farm, 40, &mut now)[&other] > 0);
+    commit(&mut farm, now, |farm| farm.prioritize(other, 100).unwrap());
+    let leaves = serve(&mut farm, 10, &mut now);
+    let share = leaves[&other] as f64 / leaves.values().sum::<u64>() as f64;
+    assert!((0.3..0.7).contains(&share), "it has {share}");
+}
+
+#[test]
 fn a_paused_job_hands_out_nothing_and_takes_what_is_at_work() {
     let mut farm = farm_with(4, 1);
     let lease = grant(&mut farm, 1, &[], 0).unwrap();

@@ -212,7 +212,7 @@ fn as_record(job: &Job) -> JobRecord {
     JobRecord {
         head: job.head.clone(),
         control: job.control.clone(),
-        share_ms: job.share_ms,
+        share_ms: job.charged_ms,
         state: job.state,
         failure: job.failure.clone(),
         ended_ms: job.ended_ms,
