@@ -140,7 +140,7 @@ pub struct SqliteStore {
 /// An open database. The lock ends after the connection.
 struct Open {
     connection: Connection,
-    _lock: File,
+    _lock: Lock,
 }
 
 impl SqliteStore {
@@ -176,7 +176,7 @@ impl SqliteStore {
         }
         connection.execute_batch("BEGIN IMMEDIATE")?;
         let mut queries = Ready(&mut connection);
-        let identity = at_once(Box::pin(sql::identify(&mut queries, mark(&lock))))?;
+        let identity = at_once(Box::pin(sql::identify(&mut queries, mark(&lock.0))))?;
         connection.execute_batch("COMMIT")?;
         let open = Open {
             connection,
@@ -276,15 +276,27 @@ fn left_open(path: &Path) -> bool {
     Path::new(&log).metadata().is_ok_and(|log| log.len() > 0)
 }
 
+/// A file that is locked until this ends. The lock is given up before the file is closed, since a program that is being
+/// started has a copy of every open file for a moment, and with it the lock.
+struct Lock(File);
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.unlock() {
+            tracing::warn!(%error, "the lock of the database ends with the file");
+        }
+    }
+}
+
 /// Locks the file beside the database for this process.
-fn lock(database: &Path) -> Result<File, StoreError> {
+fn lock(database: &Path) -> Result<Lock, StoreError> {
     let mut path = database.as_os_str().to_owned();
     path.push("-lock");
     let path = PathBuf::from(path);
     let file = File::options().create(true).truncate(false).write(true).open(&path);
     let file = file.map_err(|error| not_writable(database, &error))?;
     match file.try_lock() {
-        Ok(()) => Ok(file),
+        Ok(()) => Ok(Lock(file)),
         Err(TryLockError::WouldBlock) => Err(StoreError::InUse(database.to_owned())),
         Err(TryLockError::Error(source)) => Err(StoreError::Io { path, source }),
     }
