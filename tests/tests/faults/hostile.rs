@@ -481,14 +481,16 @@ fn what_honest_workers_built_on_a_lie_is_rendered_again() {
     let statistics = vec![0.01; (SIZE * SIZE * 2) as usize];
     let lie = plain(first.node, SIZE, 0.5).with_statistics(statistics).unwrap();
     attacker.deliver(&first, &lie).unwrap();
-    let second = attacker.lease(&[]).unwrap();
-    assert_eq!(second.job, other);
-    farm.hire(2);
-    client.when_done(chain, 3);
     let steer = |what: &str| {
         let id = chain.to_string();
         assert!(photonfarm(&[what, &id, "--coordinator", &client.url]).status.success());
     };
+    steer("pause");
+    let second = attacker.lease(&[]).unwrap();
+    assert_eq!(second.job, other);
+    steer("resume");
+    farm.hire(2);
+    client.when_done(chain, 3);
     steer("pause");
     attacker.deliver(&second, &plain(second.node, SIZE, 0.5)).unwrap();
     wait_for("the attacker's quarantine", || {
