@@ -4,15 +4,11 @@
 use super::image::ImageFormat;
 use super::{Service, ServiceError, garbage};
 use crate::scheduler::Job;
-use crate::scheduler::record::{BlobName, Millis};
+use crate::scheduler::record::Millis;
 use crate::store::{self, BlobReader, PictureRecord, StoreError};
 use axum::body::Bytes;
 use photonfarm_proto::id::JobId;
 use std::sync::Arc;
-use tokio::io::AsyncReadExt;
-
-/// Bytes that are held against a hash at a time.
-const PIECE: usize = 1 << 18;
 
 impl Service {
     /// The picture of a job that has ended with its length, if it was kept, is the one that the tag names, and is whole.
@@ -29,9 +25,10 @@ impl Service {
         let Some(PictureRecord { image, .. }) = kept.filter(|kept| kept.etag == etag) else {
             return Ok(None);
         };
-        let opened = match self.is_whole(image).await {
-            Ok(true) => self.stores.nodes.open(image).await,
-            Ok(false) => Err(StoreError::Damaged(format!("{image} has another hash"))),
+        let nodes = &*self.stores.nodes;
+        let opened = match store::hash_of(nodes, image).await {
+            Ok(hash) if hash == image.hash => nodes.open(image).await,
+            Ok(_) => Err(StoreError::Damaged(format!("{image} has another hash"))),
             Err(error) => Err(error),
         };
         match opened {
@@ -41,21 +38,6 @@ impl Service {
                 Ok(None)
             }
             Err(error) => Err(error.into()),
-        }
-    }
-
-    async fn is_whole(&self, image: BlobName) -> Result<bool, StoreError> {
-        let (_, mut reader) = self.stores.nodes.open(image).await?;
-        let (mut hasher, mut piece) = (blake3::Hasher::new(), vec![0; PIECE]);
-        loop {
-            let read = reader.read(&mut piece).await.map_err(|source| StoreError::Io {
-                path: image.to_string().into(),
-                source,
-            })?;
-            if read == 0 {
-                return Ok(image.hash == hasher.finalize().into());
-            }
-            hasher.update(&piece[..read]);
         }
     }
 

@@ -3,12 +3,11 @@
 
 use super::obstacles::FORGOTTEN;
 use super::{Service, ServiceError};
-use crate::store::{BlobReader, StoreError};
+use crate::store::{self, BlobReader, StoreError};
 use photonfarm_proto::id::BlobHash;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
-use tokio::io::AsyncReadExt;
 
 /// Where a file is.
 pub(crate) enum SceneFile {
@@ -76,22 +75,11 @@ impl Service {
     async fn remove_if_damaged(&self, hash: BlobHash) -> Result<(), ServiceError> {
         let _nobody_replaces_it = self.missing_files.placing().await;
         let scenes = &self.stores.scenes;
-        let mut reader = match scenes.open(hash.into()).await {
+        let found = match store::hash_of(&**scenes, hash.into()).await {
             Err(StoreError::NoBlob(_)) => return Ok(()),
-            opened => opened?.1,
+            found => found?,
         };
-        let (mut hasher, mut piece) = (blake3::Hasher::new(), vec![0; 1 << 16]);
-        loop {
-            let read = reader.read(&mut piece).await.map_err(|source| StoreError::Io {
-                path: hash.to_string().into(),
-                source,
-            })?;
-            if read == 0 {
-                break;
-            }
-            hasher.update(&piece[..read]);
-        }
-        if BlobHash::from(hasher.finalize()) != hash {
+        if found != hash {
             tracing::error!(%hash, "a file of a scene is damaged in the store, and is removed: it has to be sent again");
             scenes.remove(hash.into()).await?;
         }

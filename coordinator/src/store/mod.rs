@@ -52,6 +52,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
+use tokio::io::AsyncReadExt;
 
 /// Why a store failed.
 #[derive(Debug, Error)]
@@ -437,6 +438,25 @@ pub trait StagedBlob: Send {
 /// The number of a copy that nobody else has: 64 random bits.
 pub fn new_copy() -> Result<u64, StoreError> {
     Ok(getrandom::u64()?)
+}
+
+/// Bytes that are hashed at a time.
+const PIECE: usize = 1 << 18;
+
+/// The hash of the bytes that lie in the store under a name.
+pub(crate) async fn hash_of(store: &dyn BlobStore, name: BlobName) -> Result<BlobHash, StoreError> {
+    let (_, mut reader) = store.open(name).await?;
+    let (mut hasher, mut piece) = (blake3::Hasher::new(), vec![0; PIECE]);
+    loop {
+        let read = reader.read(&mut piece).await.map_err(|source| StoreError::Io {
+            path: name.to_string().into(),
+            source,
+        })?;
+        if read == 0 {
+            return Ok(hasher.finalize().into());
+        }
+        hasher.update(&piece[..read]);
+    }
 }
 
 /// Stages and publishes bytes at hand, as the given copy of them.
