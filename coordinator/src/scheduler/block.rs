@@ -58,8 +58,8 @@ impl Job {
             return None;
         }
         let failed = |leaf: &u64| u32::try_from(*leaf).ok().and_then(|leaf| self.failures.get(&leaf));
-        let suspects = self.failures.range(first as u32..).map(|(leaf, _)| u64::from(*leaf));
-        let largest = match suspects.into_iter().next() {
+        let mut suspects = self.failures.range(first as u32..).map(|(leaf, _)| u64::from(*leaf));
+        let largest = match suspects.next() {
             Some(leaf) if leaf == first => 1,
             Some(leaf) => free_until.min(leaf) - first,
             None => free_until - first,

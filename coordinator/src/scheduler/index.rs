@@ -3,7 +3,7 @@
 //! facts out and puts the new ones in.
 
 use super::job::Job;
-use super::record::Millis;
+use super::record::{JobControl, Millis};
 use super::table::{Set, Table};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobState;
@@ -20,6 +20,14 @@ pub(super) struct Demand {
 }
 
 impl Demand {
+    /// What a job asks that goes on like this.
+    pub(super) fn of(control: &JobControl) -> Self {
+        Self {
+            renderer: control.renderer.clone(),
+            tags: control.schedule.tags.clone(),
+        }
+    }
+
     /// Whether a worker with this renderer and these tags meets it.
     pub(super) fn is_met_by(&self, renderer: &str, tags: &BTreeSet<String>) -> bool {
         self.renderer.as_ref().is_none_or(|bound| bound == renderer) && self.tags.is_subset(tags)

@@ -66,13 +66,14 @@ impl Job {
     pub fn new(head: JobHead) -> Self {
         let mut free = Ranges::default();
         free.add(0, head.spec.iterations.into());
-        let owner = head.owner.clone();
         let control = JobControl::of(&head.spec);
-        let mut job = Self {
-            control: control.clone(),
+        Self {
+            demand: Arc::new(Demand::of(&control)),
+            control,
             charged_ms: 0,
             share_correction_ms: 0,
             chain: head.spec.integrator.with_defaults().is_sequential(),
+            owner: head.owner.as_str().into(),
             head,
             state: JobState::Queued,
             failure: None,
@@ -86,12 +87,8 @@ impl Job {
             failures: Table::default(),
             given_up: Set::default(),
             free,
-            demand: Arc::default(),
-            owner: owner.into(),
             pace: Pace::default(),
-        };
-        job.set_control(control);
-        job
+        }
     }
 
     /// A job as it was kept, its leases with it.
@@ -173,13 +170,7 @@ impl Job {
 
     fn set_control(&mut self, control: JobControl) {
         let before = self.leaves();
-        let (renderer, tags) = (&control.renderer, &control.schedule.tags);
-        if self.demand.renderer != *renderer || self.demand.tags != *tags {
-            self.demand = Arc::new(Demand {
-                renderer: renderer.clone(),
-                tags: tags.clone(),
-            });
-        }
+        self.demand = Arc::new(Demand::of(&control));
         self.control = control;
         let leaves = self.leaves();
         self.free.remove(leaves, before);
