@@ -9,6 +9,7 @@ use photonfarm_tests::processes::{photonfarm, wait_for};
 use reqwest::Method;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
 
 /// How long a fault lasts that no lease must end of.
 const SHORT: Duration = Duration::from_secs(8);
@@ -31,10 +32,7 @@ fn job(iterations: u32) -> Arc<Reference> {
 fn farm(network: &Network) -> Farm {
     let folder = tempfile::tempdir().unwrap().keep();
     let data = folder.to_str().unwrap();
-    // Beyond loopback there must be a token.
-    let made = photonfarm(&["token", "create", "boss", "--role", "admin", "--data", data]);
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    let token = String::from_utf8(made.stdout).unwrap();
+    let token = administrator("--data", data);
     let listen = format!("{}:7800", network.centre.address());
     let mut farm = Farm::at(&listen, &Stores::folder(&folder));
     farm.client = farm.client.clone().with_token(Some(token.trim()));
@@ -42,6 +40,26 @@ fn farm(network: &Network) -> Farm {
         farm.hire_with(host.launch(), None);
     }
     farm
+}
+
+/// A token of the farm that is kept there: beyond loopback there must be one.
+fn administrator(option: &str, place: &str) -> String {
+    let made = photonfarm(&["token", "create", "boss", "--role", "admin", option, place]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    String::from_utf8(made.stdout).unwrap()
+}
+
+/// A farm with a coordinator on each host of the network but the one in the middle, where the database is, the worker,
+/// and the calling thread; before it what it lives on, which is to be dropped after it.
+fn farm_on_a_database(network: &Network) -> (Postgres, TempDir, Farm) {
+    let postgres = Postgres::start();
+    let folder = tempfile::tempdir().unwrap();
+    let url = postgres.listen(&network.centre.address().to_string());
+    let token = administrator("--state", &url);
+    let mut farm = Farm::across(&network.hosts, &Stores::database(&url, folder.path()));
+    farm.client = farm.client.clone().with_token(Some(token.trim()));
+    farm.hire(1);
+    (postgres, folder, farm)
 }
 
 /// Waits until workers hold leases of the job, all of them.
@@ -117,17 +135,7 @@ fn a_host_that_vanishes_leaves_its_work_to_others() {
 fn a_coordinator_whose_host_vanishes_holds_up_no_other() {
     let network = Network::new(2);
     network.centre.inside(|| {
-        let postgres = Postgres::start();
-        let (folder, url) = (
-            tempfile::tempdir().unwrap(),
-            postgres.listen(&network.centre.address().to_string()),
-        );
-        let made = photonfarm(&["token", "create", "boss", "--role", "admin", "--state", &url]);
-        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        let token = String::from_utf8(made.stdout).unwrap();
-        let mut farm = Farm::across(&network.hosts, &Stores::database(&url, folder.path()));
-        farm.client = farm.client.clone().with_token(Some(token.trim()));
-        farm.hire(1);
+        let (_postgres, _folder, mut farm) = farm_on_a_database(&network);
         let job = farm.submit(&job(40));
         assert!(!farm.client.when_done(job, 5).state.ended());
         network.cut(&network.hosts[0]);
@@ -143,17 +151,7 @@ fn a_coordinator_whose_host_vanishes_holds_up_no_other() {
 fn a_silent_database_is_named_and_the_farm_goes_on_with_it_by_itself() {
     let network = Network::new(1);
     network.centre.inside(|| {
-        let postgres = Postgres::start();
-        let (folder, url) = (
-            tempfile::tempdir().unwrap(),
-            postgres.listen(&network.centre.address().to_string()),
-        );
-        let made = photonfarm(&["token", "create", "boss", "--role", "admin", "--state", &url]);
-        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        let token = String::from_utf8(made.stdout).unwrap();
-        let mut farm = Farm::across(&network.hosts, &Stores::database(&url, folder.path()));
-        farm.client = farm.client.clone().with_token(Some(token.trim()));
-        farm.hire(1);
+        let (_postgres, _folder, mut farm) = farm_on_a_database(&network);
         let (first, second) = (job(60), job(4));
         let first_id = farm.submit(&first);
         let status = farm.client.when_done(first_id, 5);
