@@ -20,6 +20,21 @@ pub struct Figures {
     pub waiting: BTreeMap<Waiting, u64>,
 }
 
+impl Figures {
+    /// One job waits for another reason than the one that it was counted under.
+    pub fn recount(&mut self, before: Option<Waiting>, after: Option<Waiting>) {
+        if let Some(before) = before
+            && let Some(jobs) = self.waiting.get_mut(&before)
+        {
+            *jobs -= 1;
+            self.waiting.retain(|_, jobs| *jobs > 0);
+        }
+        if let Some(after) = after {
+            *self.waiting.entry(after).or_default() += 1;
+        }
+    }
+}
+
 impl Farm {
     /// The jobs that have not ended, in figures.
     #[must_use]

@@ -190,8 +190,8 @@ impl Service {
     /// The jobs that have not ended, in figures.
     pub(crate) async fn figures(self: &Arc<Self>) -> Result<Figures, ServiceError> {
         let now = self.clock.now();
-        let figures = self.fresh_farm().await?.farm.figures(now);
-        Ok(self.all_held_up(figures))
+        let cell = self.fresh_farm().await?;
+        Ok(self.all_held_up(&cell.farm, now))
     }
 
     /// Hands out no new work of a job, or goes on with it.

@@ -4,7 +4,8 @@
 //! nothing was tried for long: workers try again within seconds.
 
 use super::{Service, ServiceError};
-use crate::scheduler::Figures;
+use crate::scheduler::record::Millis;
+use crate::scheduler::{Farm, Figures, Job};
 use crate::store::StoreError;
 use photonfarm_proto::api::Obstacle;
 use photonfarm_proto::id::JobId;
@@ -192,16 +193,38 @@ impl Service {
         status
     }
 
-    /// The figures of all jobs, with what keeps the whole farm from going on.
-    pub(super) fn all_held_up(&self, mut figures: Figures) -> Figures {
+    /// The figures of all jobs, with what keeps the whole farm, or some of them, from going on.
+    pub(super) fn all_held_up(&self, farm: &Farm, now: Millis) -> Figures {
+        let mut figures = farm.figures(now);
         if let Some(obstacle) = self.obstacle_for_jobs() {
             figures.waiting.retain(|reason, _| *reason == Waiting::Paused);
             let paused: u64 = figures.waiting.values().sum();
             if figures.jobs > paused {
                 figures.waiting.insert(obstacle.reason, figures.jobs - paused);
             }
+            return figures;
+        }
+        for job in self.jobs_held_up(farm) {
+            let status = farm.status(job, now);
+            let before = status.waiting_reason;
+            figures.recount(before, self.held_up(status).waiting_reason);
         }
         figures
+    }
+
+    /// The jobs that are kept from going on by what the scheduler does not know: files of their scenes are missing, or workers
+    /// disagree about their settings. All jobs are looked at only while files are missing.
+    fn jobs_held_up<'a>(&self, farm: &'a Farm) -> Vec<&'a Job> {
+        let disputed = |job: &&Job| self.is_disputed(job.id());
+        let lacks_files = |job: &&Job| self.missing_files.of_scene(job.head().spec.scene).is_some();
+        match self.missing_files.is_empty() {
+            true => {
+                let ids: Vec<JobId> = self.disagreements().keys().copied().collect();
+                let jobs = ids.into_iter().filter_map(|id| farm.job(id));
+                jobs.filter(disputed).collect()
+            }
+            false => farm.jobs().filter(|job| disputed(job) || lacks_files(job)).collect(),
+        }
     }
 
     /// What keeps every job from going on.

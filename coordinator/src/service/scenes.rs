@@ -43,6 +43,10 @@ impl MissingFiles {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    pub(super) fn is_empty(&self) -> bool {
+        self.known().is_empty()
+    }
+
     /// Name of a file that a scene lacks.
     pub(super) fn of_scene(&self, scene: BlobHash) -> Option<String> {
         let known = self.known();

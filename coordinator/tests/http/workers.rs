@@ -289,6 +289,12 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
     let status = farm.status(job).await;
     assert_eq!(status.waiting_reason, Some(Waiting::Dispute));
     assert!(status.waiting.unwrap().contains("submit it with all settings"));
+    let figures = farm.http.get(format!("{}/metrics", farm.coordinator.url())).send();
+    let figures = figures.await.unwrap().text().await.unwrap();
+    assert!(
+        figures.contains("photonfarm_jobs_waiting{reason=\"dispute\"} 1"),
+        "{figures}"
+    );
     assert_eq!(status.integrator, Some(of_depth(Some(4))));
     assert_eq!((status.poisoned, status.workers), (vec![], 2));
     let _: Acknowledged = farm.call("settings", &report(&second, of_depth(Some(4)))).await;

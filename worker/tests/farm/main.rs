@@ -169,6 +169,12 @@ async fn a_damaged_scene_is_found_by_workers_and_repaired_by_sending_it_again() 
             .until(job, |status| status.waiting_reason == Some(Waiting::Scene))
             .await;
         assert!(status.waiting.unwrap().contains("scene.xml"));
+        let figures = farm.http.get(farm.url("../metrics")).send().await.unwrap().text().await;
+        let figures = figures.unwrap();
+        assert!(
+            figures.contains("photonfarm_jobs_waiting{reason=\"scene\"} 1"),
+            "{figures}"
+        );
         // That the farm lacks the file is said to whoever submits the scene again, and he sends it.
         let again = farm.submit(b"good", 1).await;
         assert_eq!(farm.until_ended(again).await.state, JobState::Done);
