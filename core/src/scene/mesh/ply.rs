@@ -139,6 +139,9 @@ pub(super) fn read(file: &MeshFile, flip_v: bool, faults: &mut FileFaults) -> Re
 }
 
 fn header(file: &MeshFile) -> Result<Header, SceneError> {
+    if file.bytes.is_empty() {
+        return Err(file.broken(0, "the file is empty"));
+    }
     let mut header = Header {
         encoding: Encoding::Text,
         line_end: LineEnd::of(file.bytes),
@@ -563,7 +566,7 @@ mod tests {
             (HEADER.replace("1.0", "2.0"), 2, "not understood"),
             ("ply\nformat ascii 1.0\nelement vertex 1\n".into(), 4, "end_header"),
             ("obj\n".into(), 1, "starts with"),
-            (String::new(), 1, "end_header"),
+            (String::new(), 0, "the file is empty"),
         ] {
             mesh_error(parse(body.as_bytes()), line, reason);
         }
