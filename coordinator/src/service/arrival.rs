@@ -3,10 +3,11 @@
 //! others later, only as far as there is memory to spare.
 
 use super::ServiceError;
-use super::at_hand::{AtHand, Held, Room};
+use super::at_hand::{AtHand, Held, Room, buffer};
 use crate::scheduler::record::BlobName;
 use crate::store::{BlobStore, StagedBlob};
 use axum::body::Bytes;
+use memmap2::MmapMut;
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::node::{NodeError, NodeHeader};
 use photonfarm_proto::planes::Pixels;
@@ -24,7 +25,30 @@ pub(super) struct Arrival {
     /// Bytes to come.
     left: u64,
     pixels: Pixels,
-    held: Option<(Vec<u8>, Room)>,
+    held: Option<InMemory>,
+}
+
+/// The same image in memory, as far as it has arrived. A buffer of its own: the pieces lie in larger ones.
+struct InMemory {
+    image: MmapMut,
+    arrived: usize,
+    room: Room,
+}
+
+impl InMemory {
+    fn begin(image: MmapMut, room: Room) -> Self {
+        Self {
+            image,
+            arrived: 0,
+            room,
+        }
+    }
+
+    fn take(&mut self, piece: &[u8]) {
+        let end = self.arrived + piece.len();
+        self.image[self.arrived..end].copy_from_slice(piece);
+        self.arrived = end;
+    }
 }
 
 /// An image that arrived whole, with the hash announced and pixels that can be.
@@ -46,12 +70,11 @@ impl Arrival {
         let staged = store.stage(name).await?;
         let head = Bytes::copy_from_slice(&header.to_bytes());
         let length = head.len() as u64 + header.plane_bytes();
-        let held = at_hand.room(name.hash, length).map(|room| {
-            // A buffer of its own: the pieces lie in larger ones.
-            let mut bytes = Vec::with_capacity(length as usize);
-            bytes.extend_from_slice(&head);
-            (bytes, room)
-        });
+        let room = at_hand.room(name.hash, length);
+        let mut held = room.and_then(|room| Some(InMemory::begin(buffer(length).ok()?, room)));
+        if let Some(image) = &mut held {
+            image.take(&head);
+        }
         Ok(Self {
             staged,
             batch: (vec![head], NodeHeader::BYTES),
@@ -67,8 +90,8 @@ impl Arrival {
         let left = self.left.checked_sub(piece.len() as u64);
         self.left = left.ok_or_else(|| Problem::new(ErrorCode::Malformed, "bytes follow the node's image"))?;
         self.pixels.look_at(&piece);
-        if let Some((bytes, _)) = &mut self.held {
-            bytes.extend_from_slice(&piece);
+        if let Some(image) = &mut self.held {
+            image.take(&piece);
         }
         self.batch.1 += piece.len();
         self.batch.0.push(piece);
@@ -101,7 +124,7 @@ impl Arrival {
             Some(error) => Err(error.clone().into()),
             None => Ok(Arrived {
                 staged: self.staged,
-                held: self.held.map(|(bytes, room)| room.hold(bytes)),
+                held: self.held.map(|held| held.room.hold(Bytes::from_owner(held.image))),
             }),
         })
     }

@@ -3,9 +3,10 @@
 
 use crate::store::BlobReader;
 use axum::body::Bytes;
+use memmap2::MmapMut;
 use photonfarm_proto::id::BlobHash;
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::io::{self, Cursor};
 use std::ops::Bound::{Excluded, Unbounded};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -13,7 +14,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 /// Unit in which memory is counted [bytes].
 const UNIT: u64 = 1024;
 /// Memory for images in all [units of `UNIT`]: eight nodes of 1920 x 1080 pixels, which is as many as are added up at a time.
-const MOST: usize = 288 << 10;
+const MOST: usize = 256 << 10;
 
 /// Images in memory, those that are on their way included.
 #[derive(Debug)]
@@ -37,6 +38,16 @@ pub(super) struct Room {
     _units: OwnedSemaphorePermit,
 }
 
+/// A buffer of an image's size, filled with zeros. It is mapped by itself, so that the system has it back as soon as it is
+/// dropped: an allocator keeps freed buffers of this size, several times what is in use.
+///
+/// # Errors
+/// There is no memory for it.
+pub(super) fn buffer(bytes: u64) -> io::Result<MmapMut> {
+    let bytes = usize::try_from(bytes).map_err(io::Error::other)?;
+    MmapMut::map_anon(bytes)
+}
+
 /// An image in memory.
 #[derive(Debug)]
 pub(super) struct Held {
@@ -46,11 +57,8 @@ pub(super) struct Held {
 
 impl Room {
     /// An image in this memory. The bytes are to be all that their buffer holds, since that is what is counted.
-    pub(super) fn hold(self, bytes: impl Into<Bytes>) -> Held {
-        Held {
-            bytes: bytes.into(),
-            _room: self,
-        }
+    pub(super) fn hold(self, bytes: Bytes) -> Held {
+        Held { bytes, _room: self }
     }
 }
 
@@ -115,7 +123,7 @@ mod tests {
     fn keep(at_hand: &AtHand, bytes: &'static [u8]) -> BlobHash {
         let digest = BlobHash::of(bytes);
         let room = at_hand.room(digest, UNIT).unwrap();
-        at_hand.keep(digest, room.hold(bytes));
+        at_hand.keep(digest, room.hold(Bytes::from_static(bytes)));
         digest
     }
 

@@ -1,10 +1,11 @@
 //! Nodes become one, until only maximal nodes are left; then a complete job ends.
 
+use super::at_hand::buffer;
 use super::merge::{AddError, Merge, Unusable, add_up};
 use super::{Part, Service, ServiceError};
 use crate::scheduler::record::BlobName;
 use crate::scheduler::{Farm, Job};
-use crate::store;
+use crate::store::{self, StoreError};
 use axum::body::Bytes;
 use photonfarm_core::film::Node;
 use photonfarm_proto::id::JobId;
@@ -57,29 +58,25 @@ impl Service {
     }
 
     async fn merge_all(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
-        let mut image = Vec::new();
         while let Some(merge) = self.next_merge(job).await? {
             let node = merge.node.key;
             let (service, runtime) = (self.clone(), Handle::current());
             let add = move || {
                 let (store, at_hand) = (&*service.stores.nodes, &service.at_hand);
-                let added = runtime.block_on(add_up(store, at_hand, &merge, &mut image));
-                (added, image)
+                let mut image = buffer(merge.bytes()).map_err(StoreError::Memory)?;
+                runtime.block_on(add_up(store, at_hand, &merge, &mut image))?;
+                Ok(Bytes::from_owner(image))
             };
-            let (added, sum) = tokio::task::spawn_blocking(add)
-                .await
-                .map_err(|_| ServiceError::Stopping)?;
-            image = sum;
-            match added {
-                Ok(()) => {}
+            let added = tokio::task::spawn_blocking(add).await;
+            let bytes = match added.map_err(|_| ServiceError::Stopping)? {
+                Ok(bytes) => bytes,
                 Err(AddError::Unusable(Unusable { node, image, reason })) => {
                     self.give_up(job, (node, image), reason).await?;
                     continue;
                 }
                 Err(AddError::Store(error)) => return Err(error.into()),
-            }
+            };
             let publication = self.publication().await;
-            let bytes = Bytes::from(std::mem::take(&mut image));
             let stored = store::put(&*self.stores.nodes, bytes.clone(), store::new_copy()?)
                 .await
                 .map_err(ServiceError::from);

@@ -21,6 +21,13 @@ pub(super) struct Merge {
     pub(super) parts: Vec<(NodeKey, BlobName)>,
 }
 
+impl Merge {
+    /// Length of the node's image.
+    pub(super) fn bytes(&self) -> u64 {
+        NodeHeader::BYTES as u64 + self.node.plane_bytes()
+    }
+}
+
 /// A node of which the image cannot be used.
 #[derive(Debug)]
 pub(super) struct Unusable {
@@ -43,15 +50,14 @@ impl From<StoreError> for AddError {
 
 /// Makes the image of a node: the sum of its parts in the order of the tree, left plus right, and the statistics of the last.
 ///
-/// Every part is held against its header, and, unless it is at hand, against its hash and what pixels may be.
+/// Every part is held against its header, and, unless it is at hand, against its hash and what pixels may be. `image` has the length of
+/// [`Merge::bytes`].
 pub(super) async fn add_up(
     store: &dyn BlobStore,
     at_hand: &AtHand,
     merge: &Merge,
-    image: &mut Vec<u8>,
+    image: &mut [u8],
 ) -> Result<(), AddError> {
-    let planes = merge.node.plane_bytes() as usize;
-    image.resize(NodeHeader::BYTES + planes, 0);
     let (head, rest) = image.split_at_mut(NodeHeader::BYTES);
     head.copy_from_slice(&merge.node.to_bytes());
     let mut parts = Vec::with_capacity(merge.parts.len());

@@ -113,6 +113,9 @@ pub enum StoreError {
     /// The object store failed.
     #[error("the object store failed: {0}")]
     Object(#[from] object_store::Error),
+    /// The system has no memory for an image.
+    #[error("no memory for an image: {0}")]
+    Memory(std::io::Error),
     /// The system gives no random numbers.
     #[error("no random numbers: {0}")]
     Random(#[from] getrandom::Error),
@@ -142,6 +145,7 @@ impl StoreError {
                 | Self::Connection(_)
                 | Self::Object(_)
                 | Self::Io { .. }
+                | Self::Memory(_)
                 | Self::Random(_)
                 | Self::TooLate
                 | Self::Stopped
