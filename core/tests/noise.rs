@@ -7,7 +7,7 @@ use photonfarm_core::film::{Image, Node};
 use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::{Limits, Scene, SceneFolder};
-use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings, SppmSettings};
 use photonfarm_core::tree::Average;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -38,7 +38,7 @@ fn settings(integrator: &str, sampling: Sampling) -> IntegratorSettings {
             ..Default::default()
         }),
         "pppm" => IntegratorSettings::Pppm(pppm),
-        "sppm" => IntegratorSettings::Sppm(pppm),
+        "sppm" => IntegratorSettings::Sppm(SppmSettings(pppm)),
         _ => IntegratorSettings::Pcf(PcfSettings {
             photons: PHOTONS,
             samples: 1,

@@ -6,7 +6,9 @@
 use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
-use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::settings::{
+    IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings, SppmSettings,
+};
 use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::{Moments, ZTest};
 
@@ -77,7 +79,7 @@ fn pppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
 /// Its iterations go on from each other, but given the radius each has the mean that it would have alone, so that their mean is
 /// compared as if they were independent (a martingale).
 fn sppm(sigma1: f32, max_depth: Option<u32>) -> IntegratorSettings {
-    IntegratorSettings::Sppm(by_photons(sigma1, max_depth))
+    IntegratorSettings::Sppm(SppmSettings(by_photons(sigma1, max_depth)))
 }
 
 fn pcf(sigma1: f32, photons: u32, max_depth: Option<u32>) -> IntegratorSettings {

@@ -13,6 +13,7 @@ use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+    SppmSettings,
 };
 use photonfarm_tests::scenes;
 use rayon::prelude::*;
@@ -268,7 +269,7 @@ fn every_combination_of_the_other_integrators_is_right() {
                 max_depth,
             }),
             1 => IntegratorSettings::Pppm(photons),
-            _ => IntegratorSettings::Sppm(photons),
+            _ => IntegratorSettings::Sppm(SppmSettings(photons)),
         };
         let kind = values[0];
         (settings, values, kind)

@@ -5,6 +5,7 @@ use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+    SppmSettings,
 };
 use photonfarm_tests::scenes;
 use std::path::Path;
@@ -52,7 +53,7 @@ fn integrators() -> [(&'static str, IntegratorSettings); 5] {
     [
         ("path", IntegratorSettings::Path(PathSettings::default())),
         ("pppm", IntegratorSettings::Pppm(photons.clone())),
-        ("sppm", IntegratorSettings::Sppm(photons)),
+        ("sppm", IntegratorSettings::Sppm(SppmSettings(photons))),
         ("pcf", IntegratorSettings::Pcf(cones)),
         ("pcf-everything", IntegratorSettings::Pcf(everything)),
     ]

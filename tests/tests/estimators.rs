@@ -232,13 +232,9 @@ fn low_discrepancy_numbers_agree_with_independent_ones() {
     const DEPTH: u32 = MIRROR_GLASS_DEPTH;
     let scene = load("mirror-glass");
     let with = |settings: IntegratorSettings| {
-        let sampling = Sampling::Sobol;
-        match settings {
-            IntegratorSettings::Path(s) => IntegratorSettings::Path(PathSettings { sampling, ..s }),
-            IntegratorSettings::Pppm(s) => IntegratorSettings::Pppm(PppmSettings { sampling, ..s }),
-            IntegratorSettings::Sppm(s) => IntegratorSettings::Sppm(PppmSettings { sampling, ..s }),
-            IntegratorSettings::Pcf(s) => IntegratorSettings::Pcf(PcfSettings { sampling, ..s }),
-        }
+        let mut fields = serde_json::to_value(&settings).unwrap();
+        fields["sampling"] = serde_json::to_value(Sampling::Sobol).unwrap();
+        serde_json::from_value::<IntegratorSettings>(fields).unwrap()
     };
     let path = IntegratorSettings::Path(PathSettings {
         samples: 16,

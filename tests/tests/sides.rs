@@ -3,7 +3,9 @@
 use photonfarm_core::integrator::{Iteration, Unobserved, render_next};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
-use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::settings::{
+    IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings, SppmSettings,
+};
 use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::Moments;
 
@@ -39,7 +41,7 @@ fn integrators() -> [IntegratorSettings; 5] {
     [
         IntegratorSettings::Path(PathSettings::default()),
         IntegratorSettings::Pppm(photons()),
-        IntegratorSettings::Sppm(photons()),
+        IntegratorSettings::Sppm(SppmSettings(photons())),
         IntegratorSettings::Pcf(cones()),
         IntegratorSettings::Pcf(PcfSettings {
             surface_test: true,

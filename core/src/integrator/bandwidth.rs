@@ -1,13 +1,11 @@
 //! How wide the kernels of an iteration are.
 
 use super::GLOSSY_ROUGHNESS;
-use crate::map::LEAST_ANGLE;
 use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
-use crate::schedule;
-use crate::settings::{IntegratorSettings, PcfSettings};
+use crate::settings::IntegratorSettings;
 
 use super::vertex::{Tracer, Vertex};
 
@@ -25,35 +23,22 @@ pub struct Bandwidth {
 /// A `sigma1` that the settings leave open is [`automatic_sigma1`].
 #[must_use]
 pub fn bandwidth(scene: &Scene, settings: &IntegratorSettings, iteration: u32) -> Option<Bandwidth> {
-    match settings {
-        IntegratorSettings::Path(_) => None,
-        IntegratorSettings::Sppm(s) => Some(Bandwidth {
-            sigma: s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons)),
+    settings.estimator().bandwidth(scene, iteration)
+}
+
+impl Bandwidth {
+    /// Photons count within a radius [scene units], whatever their direction.
+    pub(super) fn of_photons(radius: f32) -> Self {
+        Self {
+            sigma: radius,
             theta: std::f32::consts::PI,
-        }),
-        IntegratorSettings::Pppm(s) => {
-            let sigma1 = s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons));
-            let ratio = schedule::pppm_radius_ratio(iteration, f64::from(s.alpha));
-            Some(Bandwidth {
-                sigma: (f64::from(sigma1) * ratio) as f32,
-                theta: std::f32::consts::PI,
-            })
-        }
-        IntegratorSettings::Pcf(s) => {
-            let sigma1 = s.sigma1.unwrap_or_else(|| automatic_sigma1(scene, s.photons));
-            Some(pcf_bandwidth(s, sigma1, iteration))
         }
     }
 }
 
-fn pcf_bandwidth(settings: &PcfSettings, sigma1: f32, iteration: u32) -> Bandwidth {
-    let theta1 = f64::from(settings.theta1).to_radians();
-    let p = f64::from(settings.p);
-    let ratio = schedule::pcf_sigma_ratio(iteration, f64::from(settings.alpha), p, theta1);
-    Bandwidth {
-        sigma: (f64::from(sigma1) * ratio) as f32,
-        theta: (schedule::pcf_theta(ratio, p, theta1) as f32).max(LEAST_ANGLE),
-    }
+/// The first radius [scene units]: `sigma1`, or else one for `photons` light paths.
+pub(super) fn first_radius(scene: &Scene, sigma1: Option<f32>, photons: u32) -> f32 {
+    sigma1.unwrap_or_else(|| automatic_sigma1(scene, photons))
 }
 
 /// Records that the first disc would hold if the light paths of an iteration ended evenly over what the camera sees.

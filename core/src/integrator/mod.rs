@@ -1,7 +1,11 @@
-//! Integrators: one file each, and the one function that the farm calls.
+//! Integrators: a folder for each, one list of all, and the one function that the farm calls.
+//!
+//! The list is [`INTEGRATORS`], [`IntegratorSettings`] and what stands between them below. Nothing else in the code names
+//! all integrators.
 
 mod bandwidth;
 mod camera_path;
+mod description;
 mod light_path;
 mod path;
 pub mod pcf;
@@ -10,18 +14,63 @@ mod sppm;
 mod vertex;
 
 pub use bandwidth::{Bandwidth, bandwidth};
+pub use description::{Ignored, Integrator, schema};
 pub use sppm::radius_range;
+
+use description::Estimator;
 
 use crate::geometry::Ray;
 use crate::math::Vec2;
 use crate::random::{PathRandom, Sampling, Sequence, Stream};
 use crate::scene::Scene;
-use crate::settings::{IntegratorSettings, SettingError};
+use crate::settings::SettingError;
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use thiserror::Error;
 use vertex::Tracer;
+
+/// All integrators.
+pub const INTEGRATORS: [&Integrator; 4] = [
+    &path::settings::INTEGRATOR,
+    &pppm::settings::INTEGRATOR,
+    &sppm::settings::INTEGRATOR,
+    &pcf::settings::INTEGRATOR,
+];
+
+/// The types of their settings, which [`crate::settings`] shows.
+pub(crate) mod types {
+    pub use super::path::settings::*;
+    pub use super::pcf::settings::*;
+    pub use super::pppm::settings::*;
+    pub use super::sppm::settings::*;
+}
+
+/// An integrator with its settings. In JSON, `type` is its name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+pub enum IntegratorSettings {
+    /// Path tracing with next-event estimation.
+    Path(types::PathSettings),
+    /// Probabilistic progressive photon mapping (Knaus and Zwicker 2011).
+    Pppm(types::PppmSettings),
+    /// Stochastic progressive photon mapping (Hachisuka and Jensen 2009): sequential.
+    Sppm(types::SppmSettings),
+    /// Photon cone focusing (Chang 2019).
+    Pcf(types::PcfSettings),
+}
+
+impl IntegratorSettings {
+    fn estimator(&self) -> &dyn Estimator {
+        match self {
+            Self::Path(settings) => settings,
+            Self::Pppm(settings) => settings,
+            Self::Sppm(settings) => settings,
+            Self::Pcf(settings) => settings,
+        }
+    }
+}
 
 /// Microfacet roughness below which a surface is too glossy for a density estimate: camera paths walk on instead.
 /// A lobe of roughness 0.1 has a peak of some 30 times the diffuse one, which a disc of ten photons cannot resolve.
@@ -58,7 +107,7 @@ pub enum Phase {
 }
 
 /// Counts of one iteration.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Counts {
     /// Paths traced from the lights.
@@ -222,13 +271,7 @@ pub fn render_next(
         sampling: settings.sampling(),
         batches: Batches::default(),
     };
-    let result = match (settings, bandwidth(scene, settings, iteration)) {
-        (IntegratorSettings::Pppm(s), Some(bandwidth)) => pppm::render(&job, s, bandwidth.sigma, observer)?,
-        (IntegratorSettings::Sppm(s), Some(bandwidth)) => sppm::render(&job, s, bandwidth.sigma, before, observer)?,
-        (IntegratorSettings::Pcf(s), Some(bandwidth)) => pcf::render(&job, s, bandwidth, observer)?,
-        (IntegratorSettings::Path(s), None) => path::render(&job, s, observer)?,
-        (_, bandwidth) => unreachable!("{settings:?} with {bandwidth:?}"),
-    };
+    let result = settings.estimator().render(&job, before, observer)?;
     observer.phase(Phase::Done);
     if let Some(bad) = result.pixels.iter().position(|p| !p.is_valid()) {
         let width = scene.film.resolution[0];

@@ -16,14 +16,6 @@ const LIGHT_SAMPLES: [DVec2; 4] = [
     DVec2::new(0.7, 0.7),
 ];
 
-fn max_depth(settings: &IntegratorSettings) -> Option<u32> {
-    match settings {
-        IntegratorSettings::Path(settings) => settings.max_depth,
-        IntegratorSettings::Pppm(settings) | IntegratorSettings::Sppm(settings) => settings.max_depth,
-        IntegratorSettings::Pcf(settings) => settings.max_depth,
-    }
-}
-
 /// What the camera sees.
 #[derive(Default)]
 struct Seen {
@@ -48,7 +40,7 @@ impl Scene {
                 axis.origin, axis.direction
             );
         }
-        if max_depth(settings) == Some(1) {
+        if settings.max_depth() == Some(1) {
             return "`max_depth` is 1, so that nothing but lights themselves is seen".into();
         }
         if seen.backs == seen.surfaces {

@@ -22,6 +22,7 @@ mod text;
 mod warning;
 mod xml;
 
+pub(crate) use error::shortened;
 pub use error::{Place, SceneError};
 pub use faults::SceneFaults;
 pub use files::{RecordedFiles, SceneFiles, SceneFolder, normalise};

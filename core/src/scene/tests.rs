@@ -4,7 +4,7 @@ use super::{Limits, Scene, SceneFaults};
 use crate::film::Filter;
 use crate::math::{Vec2, Vec3};
 use crate::sensor::{Projection, Sensor};
-use crate::settings::{IntegratorSettings, PathSettings, PppmSettings};
+use crate::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
 use std::collections::BTreeMap;
 
 const LIGHT: &str = "<emitter type='constant'/>\n";
@@ -413,4 +413,54 @@ fn what_follows_from_a_lost_part_is_not_told() {
             .contains("number of faults: 21 is over the limit of 20"),
         "{faults}"
     );
+}
+
+#[test]
+fn settings_of_integrators_are_read_by_their_descriptions() {
+    let read = |integrator: &str| {
+        let body = room("0 1 0", "", LIGHT.trim()) + integrator;
+        load(&body, None).map(|scene| scene.wishes.integrator)
+    };
+    let path = "<integrator type='path'><integer name='samples' value='3'/><integer name='rr_depth' value='5'/>\
+                <integer name='max_depth' value='-1'/></integrator>";
+    let expected = IntegratorSettings::Path(PathSettings {
+        samples: 3,
+        ..Default::default()
+    });
+    assert_eq!(read(path).unwrap(), Some(expected));
+    let pcf = "<integrator type='pcf'><string name='sigma1' value='auto'/><string name='lookup_vertex' value='2'/>\
+               <string name='samplers' value='camera importon'/><string name='sigma_by_length' value='0.5, 1'/>\
+               <integer name='p' value='2'/><boolean name='nested' value='true'/><integer name='max_depth' value='6'/></integrator>";
+    let expected = IntegratorSettings::Pcf(PcfSettings {
+        lookup_vertex: LookupVertex::Fixed(2),
+        samplers: vec![DirectionSampler::Camera, DirectionSampler::Importon],
+        sigma_by_length: vec![0.5, 1.0],
+        p: 2.0,
+        nested: true,
+        max_depth: Some(6),
+        ..Default::default()
+    });
+    assert_eq!(read(pcf).unwrap(), Some(expected));
+    let foreign =
+        "<integrator type='sppm'><float name='alpha' value='0.5'/><integer name='granularity' value='9'/></integrator>";
+    assert!(matches!(read(foreign).unwrap(), Some(IntegratorSettings::Sppm(settings)) if settings.0.alpha == 0.5));
+    for (property, said) in [
+        (
+            "<float name='alpha' value='1.5'/>",
+            "setting `alpha` is 1.5: expected a number between 0 and 1, both excluded",
+        ),
+        (
+            "<rgb name='alpha' value='1'/>",
+            "setting `alpha` is a rgb: expected a number",
+        ),
+        (
+            "<float name='photons' value='10'/>",
+            "setting `photons` is 10.0: expected a whole number",
+        ),
+        ("<float name='alhpa' value='0.5'/>", "did you mean `alpha`?"),
+    ] {
+        let integrator = format!("<integrator type='pppm'>{property}</integrator>");
+        let faults = read(&integrator).unwrap_err().to_string();
+        assert!(faults.contains(said), "{faults}");
+    }
 }

@@ -7,7 +7,7 @@ use photonfarm_core::film::{Image, Node};
 use photonfarm_core::integrator::{Counts, Iteration, Observer, Phase, RenderError};
 use photonfarm_core::picture::{DecodedExr, decode_exr};
 use photonfarm_core::scene::Wishes;
-use photonfarm_core::settings::{IntegratorSettings, PppmSettings, STATISTICS_PER_PIXEL};
+use photonfarm_core::settings::{IntegratorSettings, PppmSettings, STATISTICS_PER_PIXEL, SppmSettings};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_core::tree::Average;
 use photonfarm_proto::api::BundleReply;
@@ -346,7 +346,7 @@ impl Farm {
 
     /// Submits a job of which every iteration goes on from the one before.
     pub(crate) async fn submit_chain(&self, iterations: u32) -> JobId {
-        let integrator = IntegratorSettings::Sppm(PppmSettings::default());
+        let integrator = IntegratorSettings::Sppm(SppmSettings::default());
         self.submit_with(integrator, b"good", iterations).await
     }
 

@@ -1,7 +1,7 @@
 //! Jobs whose iterations go on from each other.
 
 use super::*;
-use photonfarm_core::settings::PppmSettings;
+use photonfarm_core::settings::SppmSettings;
 
 const JOB: JobId = JobId(1);
 
@@ -18,7 +18,7 @@ fn farm_of(iterations: u32, workers: u64, verifies: bool) -> Farm {
         hire(&mut farm, &format!("w{number}"), 0);
     }
     let chain = JobSpec {
-        integrator: IntegratorSettings::Sppm(PppmSettings::default()).into(),
+        integrator: IntegratorSettings::Sppm(SppmSettings::default()).into(),
         ..spec(iterations)
     };
     commit(&mut farm, 0, |farm| farm.submit(chain, String::new(), None, 0));

@@ -7,7 +7,7 @@ mod model;
 use super::*;
 use crate::store::memory::Rows;
 use model::{Random, added_up, noise};
-use photonfarm_core::settings::{IntegratorSettings, PathSettings, PppmSettings};
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, SppmSettings};
 use photonfarm_proto::schedule::Schedule;
 use record::{JobRecord, NodeRecord};
 use std::collections::{BTreeMap, BTreeSet};
@@ -173,7 +173,7 @@ impl World {
             defines: Default::default(),
             sensor: None,
             integrator: match self.random.chance(30) {
-                true => IntegratorSettings::Sppm(PppmSettings::default()).into(),
+                true => IntegratorSettings::Sppm(SppmSettings::default()).into(),
                 false => IntegratorSettings::Path(PathSettings::default()).into(),
             },
             iterations,

@@ -17,6 +17,7 @@ mod cone_sampler;
 mod importons;
 mod kernel;
 mod query;
+pub(super) mod settings;
 pub mod workload;
 
 use super::light_path::LightPaths;

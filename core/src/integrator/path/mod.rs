@@ -1,5 +1,7 @@
 //! Path tracing: the unbiased reference.
 
+pub(super) mod settings;
+
 use super::camera_path::{self, Visit};
 use super::{Counts, Iteration, Job, Observer, Phase, RenderError, edge_limit, render_pixels};
 use crate::settings::PathSettings;

@@ -5,6 +5,8 @@
 //! are not stored: a path with `k` camera edges and `j` light edges is counted by the map where `j >= 2`, and by the
 //! camera path where `j <= 1`.
 
+pub(super) mod settings;
+
 use super::camera_path::{self, Visit};
 use super::light_path::LightPaths;
 use super::vertex::Vertex;

@@ -6,6 +6,8 @@
 //! `phi_i / R_i^2`, whatever comes after: the estimate is the mean of the images `phi_i / (M pi R_i^2)`. So iterations are images that are
 //! added up, as those of every integrator are, and only the radius and the number of photons are handed on.
 
+pub(super) mod settings;
+
 use super::pppm::{Discs, gather_image};
 use super::{Iteration, Job, Observer, RenderError};
 use crate::math::sqr;
@@ -91,7 +93,7 @@ mod tests {
     use super::*;
     use crate::integrator::{Unobserved, render_iteration, render_next};
     use crate::scene::{Limits, Scene, SceneFolder};
-    use crate::settings::IntegratorSettings;
+    use crate::settings::{IntegratorSettings, SppmSettings};
     use std::collections::BTreeMap;
     use std::path::Path;
 
@@ -111,13 +113,13 @@ mod tests {
     }
 
     fn settings() -> IntegratorSettings {
-        IntegratorSettings::Sppm(PppmSettings {
+        IntegratorSettings::Sppm(SppmSettings(PppmSettings {
             photons: PHOTONS,
             samples: 2,
             alpha: ALPHA,
             sigma1: Some(0.4),
             ..Default::default()
-        })
+        }))
     }
 
     fn chain(scene: &Scene, iterations: u32) -> Vec<Iteration> {
