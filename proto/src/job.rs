@@ -3,11 +3,14 @@
 use crate::id::{BlobHash, JobId, WorkerId};
 use crate::schedule::{Checkpoint, Schedule, Stop};
 use crate::waiting::Waiting;
-use photonfarm_core::integrator::Counts;
+use photonfarm_core::integrator::{self, Counts};
 use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
 
 /// What a job asks for. Together with the renderer's build it determines every bit of every iteration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -23,9 +26,9 @@ pub struct JobSpec {
     /// The sensor to see the scene through: its id, or its number from 1; the first one by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<String>,
-    /// The integrator with its settings; `type` is `path`, `pppm`, `sppm` or `pcf`. Settings that are left out are those of the
-    /// scene, or else the defaults with the scene's `max_depth`.
-    #[schema(value_type = Object, example = json!({"type": "pppm", "photons": 200000}))]
+    /// The integrator with its settings. Settings that are left out are those of the scene's own integrator if it is of the same
+    /// type, else the defaults with the scene's `max_depth`.
+    #[schema(value_type = IntegratorSchema)]
     pub integrator: IntegratorRequest,
     /// Number of iterations to average.
     pub iterations: u32,
@@ -35,6 +38,23 @@ pub struct JobSpec {
     /// When and where it is worked on, and when it stops.
     #[serde(default, skip_serializing_if = "Schedule::is_default")]
     pub schedule: Schedule,
+}
+
+/// What the OpenAPI document says of an integrator with its settings.
+struct IntegratorSchema;
+
+impl PartialSchema for IntegratorSchema {
+    fn schema() -> RefOr<Schema> {
+        let mut schema = integrator::schema();
+        schema["example"] = json!({"type": "pppm", "photons": 200_000});
+        serde_json::from_value(schema).expect("a schema of integrators is one of OpenAPI")
+    }
+}
+
+impl ToSchema for IntegratorSchema {
+    fn name() -> Cow<'static, str> {
+        Cow::Borrowed("Integrator")
+    }
 }
 
 /// Where a job stands.
@@ -250,7 +270,7 @@ pub struct JobStatus {
     pub spec: JobSpec,
     /// The integrator with all its settings; absent until a worker has loaded the scene, if that decides over some of them.
     #[serde(default)]
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = Option<IntegratorSchema>)]
     pub integrator: Option<IntegratorSettings>,
     /// Name of the token that it was submitted with; empty without tokens.
     #[serde(default)]
@@ -293,4 +313,19 @@ pub struct JobStatus {
     /// The same for programs.
     #[serde(default)]
     pub waiting_reason: Option<Waiting>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_document_has_the_schema_of_integrators_as_it_is() {
+        let mut shown = serde_json::to_value(IntegratorSchema::schema()).unwrap();
+        assert_eq!(
+            shown.as_object_mut().unwrap().remove("example").unwrap()["type"],
+            "pppm"
+        );
+        assert_eq!(shown, integrator::schema());
+    }
 }

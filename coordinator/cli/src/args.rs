@@ -3,8 +3,11 @@
 use crate::steer_args::{
     DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
 };
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
+use photonfarm_core::integrator::{INTEGRATORS, Integrator};
+use photonfarm_core::settings::reference;
 use photonfarm_proto::token::Role;
 use photonfarm_worker::{Credentials, CredentialsError};
 use std::collections::BTreeMap;
@@ -108,19 +111,6 @@ Examples:
 Roles: read looks at everything; submit also sends scenes and jobs, and steers its own jobs; worker
 renders and sees nothing but the files of scenes; admin does everything. The token goes to standard
 output, once: the farm keeps only its hash. Jobs of a revoked token go on.";
-
-const SET_HELP: &str = "\
-Set an integrator's setting, by its name in the job's JSON:
-path: samples, sampling, max_depth
-pppm, sppm: photons, samples, sampling, alpha, sigma1, max_depth
-pcf:  photons, samples, sampling, alpha, p, sigma1, theta1, lookup_vertex, samplers, mis_beta, nested,
-      kernel, sigma_by_length, theta_glossy, surface_test, max_depth
-where photons counts light paths per iteration, samples counts camera samples per pixel and iteration,
-sampling is sobol (low discrepancy, less noise) or independent, sigma1 is in scene units or `auto`, theta1 in degrees, lookup_vertex a number or `auto`, samplers a
-list of bsdf, camera and importon, mis_beta the exponent that weighs them, nested true or false, kernel
-box or epanechnikov, sigma_by_length a list such as 0.5,1 (shares of the bandwidth for light paths of
-one edge, two, and so on), theta_glossy the share of theta1 on glossy surfaces, surface_test true or
-false, and max_depth bounds the edges from camera to light (-1: no limit)";
 
 /// Renders scenes by photon mapping, alone or on a farm of machines. Of an option that is given twice the last one counts
 #[derive(Debug, Parser)]
@@ -409,8 +399,8 @@ pub(crate) struct JobArgs {
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// How to render [default: the scene's own if it is one of these, else pcf]
-    #[arg(long, value_enum)]
-    pub(crate) integrator: Option<IntegratorName>,
+    #[arg(long, value_name = "NAME", value_parser = integrator_parser())]
+    pub(crate) integrator: Option<&'static Integrator>,
     /// Iterations to average [default: 64; for path, those that take the scene's sample_count]
     #[arg(long, value_name = "N")]
     pub(crate) iterations: Option<NonZeroU32>,
@@ -423,7 +413,7 @@ pub(crate) struct JobArgs {
     /// Sensor to see the scene through, by its id or its number from 1 [default: the first]
     #[arg(long, value_name = "N|ID")]
     pub(crate) sensor: Option<String>,
-    #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = SET_HELP)]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = set_help())]
     pub(crate) set: Vec<(String, String)>,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
@@ -431,16 +421,26 @@ pub(crate) struct JobArgs {
     pub(crate) from: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum IntegratorName {
-    /// Path tracing
-    Path,
-    /// Probabilistic progressive photon mapping
-    Pppm,
-    /// Stochastic progressive photon mapping: one worker at a time
-    Sppm,
-    /// Photon cone focusing
-    Pcf,
+/// Reads the name of an integrator in the list of all.
+fn integrator_parser() -> impl TypedValueParser<Value = &'static Integrator> {
+    let names = INTEGRATORS.map(|integrator| PossibleValue::new(integrator.name).help(integrator.summary));
+    PossibleValuesParser::new(names).try_map(|name| Integrator::find(&name).ok_or("there is no such integrator"))
+}
+
+/// All settings with the integrators that have them, their values and defaults.
+fn set_help() -> String {
+    let mut text = "Set an integrator's setting (repeatable), by its name in the job's JSON:".to_owned();
+    for entry in reference() {
+        text += &format!(
+            "\n  {} ({}): {}\n      Values: {}\n      Default: {}",
+            entry.setting.name,
+            entry.integrators(),
+            entry.setting.help,
+            entry.setting.expected(),
+            entry.default()
+        );
+    }
+    text
 }
 
 fn pair(text: &str) -> Result<(String, String), String> {
@@ -517,7 +517,7 @@ mod tests {
             "photonfarm render s.xml",
             "photonfarm render s.xml -o o.exr --iterations 0",
             "photonfarm render s.xml -o o.exr --threads 0",
-            "photonfarm render s.xml -o o.exr --integrator bdpt",
+            "photonfarm render s.xml -o o.exr --integrator magic",
             "photonfarm render s.xml -o o.exr -D name",
             "photonfarm render s.xml -o o.exr --set =1",
             "photonfarm render s.xml -o o.exr --from a.exr --seed 1",

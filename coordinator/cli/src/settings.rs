@@ -1,7 +1,7 @@
 //! The integrator's settings: the scene's wishes, overridden by the command line.
 
-use crate::args::IntegratorName;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow};
+use photonfarm_core::integrator::Integrator;
 use photonfarm_core::scene::Wishes;
 use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
 use serde_json::{Map, Value};
@@ -10,16 +10,20 @@ use std::collections::BTreeMap;
 /// Iterations where neither the command line nor the scene says more.
 const DEFAULT_ITERATIONS: u32 = 64;
 
-/// The integrator to render with: the one named, else the scene's own, else `pcf`; then `--set` on top. What is not set is
-/// up to the scene ([`IntegratorRequest::resolve`]).
+/// The integrator where neither the command line nor the scene names one.
+const DEFAULT_INTEGRATOR: &str = "pcf";
+
+/// The integrator to render with: the one named, else the scene's own, else [`DEFAULT_INTEGRATOR`]; then `--set` on top. What is
+/// not set is up to the scene ([`IntegratorRequest::resolve`]).
 pub(crate) fn integrator(
-    name: Option<IntegratorName>,
+    named: Option<&'static Integrator>,
     wishes: &Wishes,
     set: &BTreeMap<String, String>,
 ) -> Result<IntegratorSettings> {
-    let own = wishes.integrator.as_ref().map(IntegratorSettings::name);
-    let name = name.map(name_of).or(own).unwrap_or("pcf");
-    Ok(request(name, set)?.resolve(wishes)?)
+    let own = wishes.integrator.as_ref().map(IntegratorSettings::integrator);
+    let integrator = named.or(own).or_else(|| Integrator::find(DEFAULT_INTEGRATOR));
+    let integrator = integrator.context("there is no default integrator")?;
+    Ok(request(integrator, set)?.resolve(wishes)?)
 }
 
 /// Iterations to average: for `path` those that take the scene's samples per pixel.
@@ -30,60 +34,22 @@ pub(crate) fn default_iterations(settings: &IntegratorSettings, wishes: &Wishes)
     }
 }
 
-fn name_of(name: IntegratorName) -> &'static str {
-    match name {
-        IntegratorName::Path => "path",
-        IntegratorName::Pppm => "pppm",
-        IntegratorName::Sppm => "sppm",
-        IntegratorName::Pcf => "pcf",
-    }
-}
-
-/// What is asked for of the integrator `name`, as its JSON would.
-fn request(name: &str, set: &BTreeMap<String, String>) -> Result<IntegratorRequest> {
-    let mut given = Map::from_iter([("type".to_owned(), Value::from(name))]);
-    let defaults: IntegratorSettings = serde_json::from_value(Value::Object(given.clone()))?;
-    let known = serde_json::to_value(&defaults)?;
-    let Value::Object(known) = &known else {
-        bail!("settings of an integrator are a JSON object")
-    };
-    for (setting, text) in set {
-        if setting == "type" || !known.contains_key(setting) {
-            let valid: Vec<&str> = known.keys().map(String::as_str).filter(|key| *key != "type").collect();
-            bail!(
-                "--set {setting}: the integrator {name} has no such setting; it has {}",
+/// What is asked for of the integrator, as its JSON would.
+fn request(integrator: &Integrator, set: &BTreeMap<String, String>) -> Result<IntegratorRequest> {
+    let mut given = Map::from_iter([("type".to_owned(), Value::from(integrator.name))]);
+    for (name, text) in set {
+        let setting = integrator.setting(name).ok_or_else(|| {
+            let valid: Vec<&str> = integrator.settings.iter().map(|setting| setting.name).collect();
+            anyhow!(
+                "--set {name}: the integrator {} has no such setting; it has {}",
+                integrator.name,
                 valid.join(", ")
-            );
-        }
-        given.insert(setting.clone(), value(setting, text));
-        serde_json::from_value::<IntegratorRequest>(Value::Object(given.clone()))
-            .with_context(|| format!("--set {setting}={text}"))?;
+            )
+        })?;
+        let value = setting.parse(text).with_context(|| format!("--set {name}={text}"))?;
+        given.insert(name.clone(), value);
     }
     Ok(serde_json::from_value(Value::Object(given))?)
-}
-
-/// The JSON value of a setting: a list for a list, nothing for the absence of a limit or an automatic bandwidth.
-fn value(name: &str, text: &str) -> Value {
-    match (name, text) {
-        ("samplers" | "sigma_by_length", _) => {
-            let items = text.split(',').map(str::trim).filter(|item| !item.is_empty());
-            items.map(scalar).collect()
-        }
-        ("max_depth", "-1" | "none") | ("sigma1", "auto") => Value::Null,
-        _ => scalar(text),
-    }
-}
-
-/// A number or a truth value where the text reads as one.
-fn scalar(text: &str) -> Value {
-    if let Ok(integer) = text.parse::<u64>() {
-        return Value::from(integer);
-    }
-    if let Ok(truth) = text.parse::<bool>() {
-        return Value::from(truth);
-    }
-    let number = text.parse::<f64>().ok().and_then(serde_json::Number::from_f64);
-    number.map_or_else(|| Value::from(text), Value::Number)
 }
 
 #[cfg(test)]
@@ -98,14 +64,14 @@ mod tests {
         pairs.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect()
     }
 
-    fn chosen(name: Option<IntegratorName>, wishes: &Wishes, pairs: &[(&str, &str)]) -> IntegratorSettings {
-        integrator(name, wishes, &set(pairs)).unwrap()
+    fn chosen(name: Option<&str>, wishes: &Wishes, pairs: &[(&str, &str)]) -> IntegratorSettings {
+        integrator(name.and_then(Integrator::find), wishes, &set(pairs)).unwrap()
     }
 
-    fn refused(name: IntegratorName, pair: (&str, &str)) -> String {
+    fn refused(name: &str, pair: (&str, &str)) -> String {
         format!(
             "{:#}",
-            integrator(Some(name), &Wishes::default(), &set(&[pair])).unwrap_err()
+            integrator(Integrator::find(name), &Wishes::default(), &set(&[pair])).unwrap_err()
         )
     }
 
@@ -122,12 +88,12 @@ mod tests {
             sample_count: None,
         };
         assert_eq!(chosen(None, &wishes, &[]), own);
-        assert_eq!(chosen(Some(IntegratorName::Pppm), &wishes, &[]), own);
+        assert_eq!(chosen(Some("pppm"), &wishes, &[]), own);
         let path = IntegratorSettings::Path(PathSettings {
             max_depth: Some(9),
             ..Default::default()
         });
-        assert_eq!(chosen(Some(IntegratorName::Path), &wishes, &[]), path);
+        assert_eq!(chosen(Some("path"), &wishes, &[]), path);
         let foreign = Wishes {
             integrator: None,
             max_depth: Some(3),
@@ -183,25 +149,25 @@ mod tests {
             max_depth: Some(7),
         };
         assert_eq!(
-            chosen(Some(IntegratorName::Pcf), &Wishes::default(), &pairs),
+            chosen(Some("pcf"), &Wishes::default(), &pairs),
             IntegratorSettings::Pcf(expected)
         );
         let wishes = Wishes {
             max_depth: Some(4),
             ..Wishes::default()
         };
-        let open = chosen(Some(IntegratorName::Path), &wishes, &[("max_depth", "-1")]);
+        let open = chosen(Some("path"), &wishes, &[("max_depth", "-1")]);
         assert_eq!(open, IntegratorSettings::Path(PathSettings::default()));
     }
 
     #[test]
     fn errors_name_the_setting_and_what_is_valid() {
-        let message = refused(IntegratorName::Path, ("alpha", "0.5"));
+        let message = refused("path", ("alpha", "0.5"));
         assert!(
-            message.contains("--set alpha") && message.contains("max_depth, samples"),
+            message.contains("--set alpha") && message.contains("samples, sampling, max_depth"),
             "{message}"
         );
-        let message = refused(IntegratorName::Pcf, ("type", "path"));
+        let message = refused("pcf", ("type", "path"));
         assert!(message.contains("lookup_vertex"), "{message}");
         for pair in [
             ("samples", "many"),
@@ -212,11 +178,6 @@ mod tests {
             ("sampling", "halton"),
             ("nested", "1"),
             ("sigma_by_length", "1,wide"),
-        ] {
-            let message = refused(IntegratorName::Pcf, pair);
-            assert!(message.contains(&format!("--set {}={}", pair.0, pair.1)), "{message}");
-        }
-        for pair in [
             ("alpha", "1.5"),
             ("photons", "0"),
             ("theta1", "-4"),
@@ -226,8 +187,10 @@ mod tests {
             ("sigma_by_length", "0.5,2"),
             ("theta_glossy", "0"),
         ] {
-            let message = refused(IntegratorName::Pcf, pair);
-            assert!(message.contains(pair.0), "{message}");
+            let message = refused("pcf", pair);
+            let (name, text) = pair;
+            let said = format!("--set {name}={text}: setting `{name}` is {text}: expected");
+            assert!(message.contains(&said), "{message}");
         }
     }
 
@@ -239,8 +202,8 @@ mod tests {
         };
         let iterations =
             |name, samples| default_iterations(&chosen(Some(name), &wishes, &[("samples", samples)]), &wishes);
-        assert_eq!(iterations(IntegratorName::Path, "16"), 5);
-        assert_eq!(iterations(IntegratorName::Pcf, "16"), 64);
+        assert_eq!(iterations("path", "16"), 5);
+        assert_eq!(iterations("pcf", "16"), 64);
         assert_eq!(
             default_iterations(&IntegratorSettings::Path(PathSettings::default()), &Wishes::default()),
             64
