@@ -29,7 +29,7 @@ pub(super) enum Visit {
 /// A bounce whose direction might have been chosen by next-event estimation too.
 struct Bounce {
     from: Vec3,
-    /// Solid-angle density of the material's sample [1/sr].
+    /// Solid-angle density of the BSDF's sample [1/sr].
     pdf: f32,
 }
 
@@ -38,12 +38,12 @@ struct Bounce {
 ///
 /// `visit(vertex, edges, throughput)` is asked at every surface vertex, `edges` from the camera, where the path carries the
 /// share `throughput` of radiance to the camera; an integrator that ends the walk there answers for all longer paths.
-pub(super) fn radiance<'a>(
-    tracer: &mut Tracer<'a>,
+pub(super) fn radiance(
+    tracer: &mut Tracer,
     mut ray: Ray,
     random: &mut PathRandom,
     max_edges: u32,
-    mut visit: impl FnMut(&Vertex<'a>, u32, Spectrum) -> Visit,
+    mut visit: impl FnMut(&Vertex, u32, Spectrum) -> Visit,
 ) -> Spectrum {
     let mut total = Spectrum::ZERO;
     let mut throughput = Spectrum::ONE;

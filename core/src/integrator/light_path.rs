@@ -15,14 +15,14 @@ use std::ops::Range;
 const CHUNK: u32 = 4096;
 
 /// A vertex of a light path, `edges` from the light.
-pub(super) struct Arrival<'a, 'b> {
-    pub(super) vertex: &'b Vertex<'a>,
+pub(super) struct Arrival<'b> {
+    pub(super) vertex: &'b Vertex,
     /// Flux that arrives [W], corrected for the shading normal.
     pub(super) flux: Spectrum,
     pub(super) edges: u32,
     /// Index of the light path in its iteration.
     pub(super) path: u32,
-    /// Where the path goes on, sampled from the material.
+    /// Where the path goes on, sampled from the BSDF.
     pub(super) scattered: Option<&'b Scattered>,
 }
 
@@ -67,7 +67,7 @@ impl LightPaths {
         Ok(chunks.into_iter().map(|(records, _)| records).collect())
     }
 
-    fn trace_one<'a>(&self, tracer: &mut Tracer<'a>, path: u32, mut arrive: impl FnMut(&Arrival<'a, '_>)) {
+    fn trace_one(&self, tracer: &mut Tracer, path: u32, mut arrive: impl FnMut(&Arrival)) {
         let mut random = self.sequence.path(path);
         let scene = tracer.scene;
         let (choice, u_position, u_direction) =

@@ -1,15 +1,17 @@
 use crate::geometry::{Ray, SurfacePoint};
 use crate::map::Record;
-use crate::material::{BsdfSample, Material, TransportMode};
+use crate::material::{Bsdf, BsdfSample, TransportMode};
 use crate::math::Vec3;
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 
-/// A surface vertex of a path, with the material's interface in world space.
-pub(super) struct Vertex<'a> {
+/// A surface vertex of a path, with the interface of its BSDF in world space.
+#[derive(Clone, Copy)]
+pub(super) struct Vertex {
     pub(super) point: SurfacePoint,
-    pub(super) material: &'a Material,
+    /// The material at the point, its textures looked up.
+    bsdf: Bsdf,
     /// Unit direction back along the path.
     pub(super) wo: Vec3,
     wo_local: Vec3,
@@ -32,36 +34,32 @@ impl Scattered {
     }
 }
 
-impl<'a> Vertex<'a> {
-    pub(super) fn new(scene: &'a Scene, point: SurfacePoint, wo: Vec3, mode: TransportMode) -> Self {
+impl Vertex {
+    pub(super) fn new(scene: &Scene, point: SurfacePoint, wo: Vec3, mode: TransportMode) -> Self {
         let wo_local = point.frame.to_local(wo);
         Self {
             point,
-            material: scene.material(&point),
+            bsdf: scene.material(&point).resolve(point.uv, wo_local),
             wo,
             wo_local,
             mode,
         }
     }
 
-    /// f(wo, wi) [1/sr].
+    /// f(wo, wi) [1/sr], delta lobes left out.
     pub(super) fn eval(&self, wi: Vec3) -> Spectrum {
-        self.material
-            .eval(self.point.uv, self.wo_local, self.point.frame.to_local(wi), self.mode)
+        self.bsdf.f(self.wo_local, self.point.frame.to_local(wi), self.mode)
     }
 
-    /// Solid-angle density [1/sr] of [`Self::sample`].
+    /// Solid-angle density [1/sr] of [`Self::sample`], delta lobes left out.
     pub(super) fn pdf(&self, wi: Vec3) -> f32 {
-        self.material
-            .pdf(self.point.uv, self.wo_local, self.point.frame.to_local(wi))
+        self.bsdf.pdf(self.wo_local, self.point.frame.to_local(wi))
     }
 
     /// Samples a direction; three dimensions.
     pub(super) fn sample(&self, random: &mut PathRandom) -> Option<Scattered> {
         let lobe = random.next_1d();
-        let bsdf = self
-            .material
-            .sample(self.point.uv, self.wo_local, lobe, random.next_2d(), self.mode)?;
+        let bsdf = self.bsdf.sample(self.wo_local, lobe, random.next_2d(), self.mode)?;
         Some(Scattered {
             wi: self.point.frame.to_world(bsdf.wi),
             cos_shading: bsdf.wi.z.abs(),
@@ -69,14 +67,14 @@ impl<'a> Vertex<'a> {
         })
     }
 
-    /// Whether the material is a delta function seen from `wo`.
+    /// Whether every lobe is a delta function of direction.
     pub(super) fn is_delta(&self) -> bool {
-        self.material.is_delta(self.wo_local)
+        !self.bsdf.has_smooth()
     }
 
-    /// Whether the material seen from `wo` is too glossy for a density estimate.
+    /// Whether the lobes that are no delta functions are too glossy for a density estimate, or there are none.
     pub(super) fn is_glossier_than(&self, roughness: f32) -> bool {
-        self.material.is_glossier_than(self.wo_local, roughness)
+        self.bsdf.is_glossier_than(roughness)
     }
 
     /// Cosine of `direction` with the shading normal, without sign.

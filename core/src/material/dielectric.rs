@@ -3,18 +3,9 @@
 //! The branch is chosen by Fresnel's reflectance. Radiance that crosses the boundary is scaled by the squared ratio of
 //! indices, since it spreads over another solid angle; flux is not (Veach 1997, section 5.2).
 
-use super::{BsdfSample, GRAZING, Microfacets, TransportMode, fresnel};
+use super::{BsdfSample, GRAZING, Microfacets, Tints, TransportMode, fresnel};
 use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;
-
-/// Factors that a material puts on the two branches.
-#[derive(Clone, Copy)]
-pub(super) struct Tints {
-    /// On reflected light.
-    pub(super) reflectance: Spectrum,
-    /// On transmitted light.
-    pub(super) transmittance: Spectrum,
-}
 
 /// `wo` turned to the upper side, and the index of the lower side over that of the upper side. The caller turns `wi`
 /// by the same `sign`; elliptical roughness is symmetric under it.

@@ -1,5 +1,9 @@
 //! Materials: how surfaces scatter light.
 //!
+//! A [`Material`] is what a scene says: textures, indices, roughness, perhaps two sides. [`Material::resolve`] makes a
+//! [`Bsdf`] of it at a hit: a small value of one or a few [`Lobe`]s, every texture looked up. All of evaluating and sampling is
+//! the `Bsdf`'s. Being a delta function, or glossy, is a property of a lobe.
+//!
 //! Directions are in the local shading frame, of unit length, and point away from the surface. `wo` is known, `wi`
 //! is sampled: on a camera path (radiance) `wi` leads towards the light, on a light path (flux) `wo` does. Nothing here
 //! includes a cosine: callers multiply by `|cos|`. Everything returned is finite and not negative, whatever the unit
@@ -8,6 +12,7 @@
 //! Reflection is symmetric in `wo` and `wi`. Refraction is not: with `eta` the index on the side of `wi` over that on the
 //! side of `wo`, `f(wo, wi, Radiance) = f(wi, wo, Flux) = f(wo, wi, Flux) / eta^2`.
 
+mod bsdf;
 mod conductor;
 mod conductors;
 mod dielectric;
@@ -17,6 +22,8 @@ pub mod ior;
 mod microfacet;
 #[cfg(test)]
 mod tests;
+
+pub use bsdf::{Bsdf, BsdfSample, Lobe, Tints};
 
 use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;
@@ -30,21 +37,6 @@ pub enum TransportMode {
     Radiance,
     /// The path starts at a light; `wo` points back along it.
     Flux,
-}
-
-/// A sampled direction.
-#[derive(Clone, Copy, Debug)]
-pub struct BsdfSample {
-    /// Local direction.
-    pub wi: Vec3,
-    /// f(wo, wi) [1/sr]; for a delta lobe the factor such that `f * |cos wi| / pdf` is the path weight.
-    pub f: Spectrum,
-    /// Solid-angle density [1/sr], of all lobes together; for a delta lobe the probability of choosing it.
-    pub pdf: f32,
-    /// Whether the lobe is a delta function of direction.
-    pub delta: bool,
-    /// Relative index of refraction along `wi` (1 unless the sample crossed a dielectric boundary); for Russian roulette.
-    pub eta: f32,
 }
 
 /// A material, as validated data. Indices of refraction are interior over exterior where one number is kept.
@@ -107,7 +99,7 @@ pub enum Material {
 }
 
 /// Distribution of microfacet normals.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Microfacets {
     /// Which distribution.
     pub kind: MicrofacetKind,
@@ -128,152 +120,61 @@ pub enum MicrofacetKind {
 /// the rounding error of a unit vector, and keeps every quotient by a cosine finite.
 const GRAZING: f32 = 1e-7;
 
-impl BsdfSample {
-    fn tinted(self, tint: Spectrum) -> Self {
-        Self {
-            f: self.f * tint,
-            ..self
-        }
-    }
-}
-
 /// The direction as seen from the other side of the surface.
 fn turned(w: Vec3) -> Vec3 {
     Vec3::new(w.x, w.y, -w.z)
 }
 
-fn tints(reflectance: &Texture, transmittance: &Texture, uv: Vec2) -> dielectric::Tints {
-    dielectric::Tints {
-        reflectance: reflectance.eval(uv),
-        transmittance: transmittance.eval(uv),
-    }
-}
-
-/// Straight through, with weight one.
-fn pass_through(wo: Vec3) -> Option<BsdfSample> {
-    let cos = wo.z.abs();
-    (cos > GRAZING).then(|| BsdfSample {
-        wi: -wo,
-        f: Spectrum::splat(1.0 / cos),
-        pdf: 1.0,
-        delta: true,
-        eta: 1.0,
-    })
-}
-
 impl Material {
-    /// f(wo, wi) [1/sr] without the cosine, delta lobes left out. `uv`: texture coordinates.
+    /// What the material does at a point with texture coordinates `uv`, seen from the local direction `wo`: its textures are
+    /// looked up here and nowhere else. Of `wo` only the side counts.
     #[must_use]
-    pub fn eval(&self, uv: Vec2, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
-        match self {
-            Self::Diffuse { reflectance } => diffuse::eval(wo, wi) * reflectance.eval(uv),
-            Self::RoughDielectric {
-                eta,
-                distribution,
-                specular_reflectance,
-                specular_transmittance,
-            } => {
-                let tints = tints(specular_reflectance, specular_transmittance, uv);
-                dielectric::eval(*eta, distribution, tints, wo, wi, mode)
-            }
-            Self::RoughConductor {
-                eta,
-                k,
-                distribution,
-                specular_reflectance,
-            } => conductor::eval(*eta, *k, distribution, wo, wi) * specular_reflectance.eval(uv),
-            Self::TwoSided { front, .. } if wo.z > 0.0 => front.eval(uv, wo, wi, mode),
-            Self::TwoSided { back, .. } => back.eval(uv, turned(wo), turned(wi), mode),
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => Spectrum::ZERO,
-        }
-    }
-
-    /// Solid-angle density [1/sr] with which [`Self::sample`] returns `wi`, delta lobes left out; the same in both modes.
-    #[must_use]
-    #[expect(
-        clippy::only_used_in_recursion,
-        reason = "roughness may vary over the surface: callers pass what eval and sample take"
-    )]
-    pub fn pdf(&self, uv: Vec2, wo: Vec3, wi: Vec3) -> f32 {
-        match self {
-            Self::Diffuse { .. } => diffuse::pdf(wo, wi),
-            Self::RoughDielectric { eta, distribution, .. } => dielectric::pdf(*eta, distribution, wo, wi),
-            Self::RoughConductor { distribution, .. } => conductor::pdf(distribution, wo, wi),
-            Self::TwoSided { front, .. } if wo.z > 0.0 => front.pdf(uv, wo, wi),
-            Self::TwoSided { back, .. } => back.pdf(uv, turned(wo), turned(wi)),
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => 0.0,
-        }
-    }
-
-    /// Samples `wi` given `wo` from the random numbers `lobe` and `u`. `None` where the sample carries nothing.
-    #[must_use]
-    pub fn sample(&self, uv: Vec2, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
-        let sample = match self {
-            Self::Diffuse { reflectance } => diffuse::sample(wo, u)?.tinted(reflectance.eval(uv)),
+    pub fn resolve(&self, uv: Vec2, wo: Vec3) -> Bsdf {
+        Bsdf::of(match self {
+            Self::Diffuse { reflectance } => Lobe::Diffuse {
+                reflectance: reflectance.eval(uv),
+            },
             Self::Dielectric {
                 eta,
                 specular_reflectance,
                 specular_transmittance,
-            } => {
-                let tints = tints(specular_reflectance, specular_transmittance, uv);
-                dielectric::sample_smooth(*eta, tints, wo, lobe, mode)?
-            }
+            } => Lobe::Dielectric {
+                eta: *eta,
+                tints: Tints::new(specular_reflectance, specular_transmittance, uv),
+            },
             Self::RoughDielectric {
                 eta,
                 distribution,
                 specular_reflectance,
                 specular_transmittance,
-            } => {
-                let tints = tints(specular_reflectance, specular_transmittance, uv);
-                dielectric::sample(*eta, distribution, tints, wo, (lobe, u), mode)?
-            }
+            } => Lobe::RoughDielectric {
+                eta: *eta,
+                facets: *distribution,
+                tints: Tints::new(specular_reflectance, specular_transmittance, uv),
+            },
             Self::Conductor {
                 eta,
                 k,
                 specular_reflectance,
-            } => conductor::sample_smooth(*eta, *k, wo)?.tinted(specular_reflectance.eval(uv)),
+            } => Lobe::Conductor {
+                eta: *eta,
+                k: *k,
+                reflectance: specular_reflectance.eval(uv),
+            },
             Self::RoughConductor {
                 eta,
                 k,
                 distribution,
                 specular_reflectance,
-            } => conductor::sample(*eta, *k, distribution, wo, u)?.tinted(specular_reflectance.eval(uv)),
-            Self::Null => pass_through(wo)?,
-            Self::TwoSided { front, .. } if wo.z > 0.0 => front.sample(uv, wo, lobe, u, mode)?,
-            Self::TwoSided { back, .. } => {
-                let sample = back.sample(uv, turned(wo), lobe, u, mode)?;
-                BsdfSample {
-                    wi: turned(sample.wi),
-                    ..sample
-                }
-            }
-        };
-        (!sample.f.is_black()).then_some(sample)
-    }
-
-    /// Whether every lobe that `wo` sees is a delta function: density estimation and next-event estimation do not apply.
-    #[must_use]
-    pub fn is_delta(&self, wo: Vec3) -> bool {
-        self.least_roughness(wo).is_none()
-    }
-
-    /// Whether scattering to `wo` is too concentrated for a density estimate: delta, or microfacet roughness below
-    /// `roughness` along either axis.
-    #[must_use]
-    pub fn is_glossier_than(&self, wo: Vec3, roughness: f32) -> bool {
-        self.least_roughness(wo).is_none_or(|least| least < roughness)
-    }
-
-    /// The smaller microfacet roughness that `wo` sees: infinite for diffuse scattering, `None` for delta functions.
-    fn least_roughness(&self, wo: Vec3) -> Option<f32> {
-        match self {
-            Self::Diffuse { .. } => Some(f32::INFINITY),
-            Self::RoughDielectric { distribution, .. } | Self::RoughConductor { distribution, .. } => {
-                Some(distribution.alpha.min_element())
-            }
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => None,
-            Self::TwoSided { front, .. } if wo.z > 0.0 => front.least_roughness(wo),
-            Self::TwoSided { back, .. } => back.least_roughness(turned(wo)),
-        }
+            } => Lobe::RoughConductor {
+                eta: *eta,
+                k: *k,
+                facets: *distribution,
+                reflectance: specular_reflectance.eval(uv),
+            },
+            Self::Null => Lobe::Null,
+            Self::TwoSided { front, .. } if wo.z > 0.0 => return front.resolve(uv, wo),
+            Self::TwoSided { back, .. } => return back.resolve(uv, turned(wo)).turned(),
+        })
     }
 }

@@ -27,15 +27,15 @@ const CAMERA: usize = 1;
 const IMPORTON: usize = 2;
 
 /// The samplers in use at a vertex that is not delta.
-struct Techniques<'a, 'v> {
-    vertex: &'v Vertex<'a>,
+struct Techniques<'v> {
+    vertex: &'v Vertex,
     beta: f32,
     bsdf: bool,
     camera: Option<LobeAt>,
     importons: Option<Mixture>,
 }
 
-impl Techniques<'_, '_> {
+impl Techniques<'_> {
     /// Solid-angle density [1/sr] of each technique; zero for one that is not in use, and for one too small to divide by.
     fn densities(&self, direction: Vec3) -> [f32; 3] {
         let densities = [
@@ -130,7 +130,7 @@ impl<'a> ConeSampler<'a> {
         }
     }
 
-    fn techniques<'s, 'v>(&self, vertex: &'v Vertex<'s>) -> Techniques<'s, 'v> {
+    fn techniques<'v>(&self, vertex: &'v Vertex) -> Techniques<'v> {
         let point = &vertex.point;
         Techniques {
             vertex,

@@ -131,5 +131,5 @@ fn random(path: u64) -> PathRandom {
 
 fn draw(material: &Material, wo: Vec3, random: &mut PathRandom, mode: TransportMode) -> Option<BsdfSample> {
     let lobe = random.next_1d();
-    material.sample(UV, wo, lobe, random.next_2d(), mode)
+    material.resolve(UV, wo).sample(wo, lobe, random.next_2d(), mode)
 }

@@ -13,7 +13,7 @@ fn every_sampler_matches_its_density() {
                 &format!("{name}, {wo}"),
                 tests,
                 |random| Some(draw(&material, wo, random, TransportMode::Radiance)?.wi),
-                |wi| material.pdf(UV, wo, wi),
+                |wi| material.resolve(UV, wo).pdf(wo, wi),
             );
         }
     }
@@ -51,7 +51,7 @@ fn mean_weight(material: &Material, wo: Vec3, mode: TransportMode, samples: u64)
 
 /// Share of the power arriving along `wo` that leaves again, by quadrature.
 fn albedo(material: &Material, wo: Vec3, mode: TransportMode) -> f64 {
-    integrate_sphere(|wi| f64::from(material.eval(UV, wo, wi, mode)[0] * wi.z.abs()))
+    integrate_sphere(|wi| f64::from(material.resolve(UV, wo).f(wo, wi, mode)[0] * wi.z.abs()))
 }
 
 /// Error of [`albedo`] by quadrature in single precision, relative.
@@ -130,7 +130,7 @@ fn albedo_of_a_rough_mirror_follows_from_its_facets() {
                     let visible = facets.density(m) * wo.dot(m) * facets.masking_over_cos(wo);
                     f64::from(visible * facets.masking_over_cos(wi) * wi.z)
                 });
-                let over_directions = albedo(&rough_mirror(facets.clone()), wo, TransportMode::Flux);
+                let over_directions = albedo(&rough_mirror(facets), wo, TransportMode::Flux);
                 assert!(
                     (over_facets - over_directions).abs() < 2e-3,
                     "{facets:?} {wo} {over_facets} {over_directions}"

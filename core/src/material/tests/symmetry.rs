@@ -28,7 +28,10 @@ fn reflection_is_reciprocal() {
                 continue;
             }
             for mode in MODES {
-                let (there, back) = (material.eval(UV, a, b, mode), material.eval(UV, b, a, mode));
+                let (there, back) = (
+                    material.resolve(UV, a).f(a, b, mode),
+                    material.resolve(UV, b).f(b, a, mode),
+                );
                 assert!(
                     (0..3).all(|c| close(there[c], back[c])),
                     "{name}: {a} {b} {there:?} {back:?}"
@@ -54,9 +57,9 @@ fn refraction_has_its_adjoint() {
                 continue;
             }
             let relative = if a.z > 0.0 { *eta } else { 1.0 / eta };
-            let radiance = material.eval(UV, a, b, TransportMode::Radiance)[0];
-            let flux = material.eval(UV, a, b, TransportMode::Flux)[0];
-            let adjoint = material.eval(UV, b, a, TransportMode::Flux)[0];
+            let radiance = material.resolve(UV, a).f(a, b, TransportMode::Radiance)[0];
+            let flux = material.resolve(UV, a).f(a, b, TransportMode::Flux)[0];
+            let adjoint = material.resolve(UV, b).f(b, a, TransportMode::Flux)[0];
             assert!(close(radiance, adjoint), "{name}: {a} {b} {radiance} {adjoint}");
             assert!(
                 close(radiance, flux / (relative * relative)),
@@ -78,7 +81,10 @@ fn samples_carry_what_eval_and_pdf_say() {
                 let Some(sample) = draw(&material, wo, &mut random(path + 1_000_000), mode) else {
                     continue;
                 };
-                let (f, pdf) = (material.eval(UV, wo, sample.wi, mode), material.pdf(UV, wo, sample.wi));
+                let (f, pdf) = (
+                    material.resolve(UV, wo).f(wo, sample.wi, mode),
+                    material.resolve(UV, wo).pdf(wo, sample.wi),
+                );
                 assert!((sample.wi.length() - 1.0).abs() < 1e-5 && !sample.delta);
                 assert!(close(sample.pdf, pdf), "{name}: {wo} {sample:?} {pdf}");
                 assert!(
@@ -114,12 +120,14 @@ fn relative_index_follows_the_side_and_the_branch() {
 fn gloss_depends_on_the_side_that_is_seen() {
     let rough = rough_mirror(facets(MicrofacetKind::Ggx, 0.05, 0.3));
     let material = two_sided(mirror(), rough);
-    assert!(material.is_delta(Vec3::Z) && !material.is_delta(-Vec3::Z));
-    assert!(material.is_glossier_than(Vec3::Z, 0.0));
-    assert!(material.is_glossier_than(-Vec3::Z, 0.1) && !material.is_glossier_than(-Vec3::Z, 0.01));
+    assert!(!material.resolve(UV, Vec3::Z).has_smooth() && material.resolve(UV, -Vec3::Z).has_smooth());
+    assert!(material.resolve(UV, Vec3::Z).is_glossier_than(0.0));
+    assert!(
+        material.resolve(UV, -Vec3::Z).is_glossier_than(0.1) && !material.resolve(UV, -Vec3::Z).is_glossier_than(0.01)
+    );
     let diffuse = Material::Diffuse { reflectance: WHITE };
-    assert!(!diffuse.is_delta(Vec3::Z) && !diffuse.is_glossier_than(Vec3::Z, 1e9));
-    assert!(Material::Null.is_delta(Vec3::Z) && glass(1.5).is_delta(Vec3::Z));
+    assert!(diffuse.resolve(UV, Vec3::Z).has_smooth() && !diffuse.resolve(UV, Vec3::Z).is_glossier_than(1e9));
+    assert!(!Material::Null.resolve(UV, Vec3::Z).has_smooth() && !glass(1.5).resolve(UV, Vec3::Z).has_smooth());
 }
 
 #[test]
@@ -128,8 +136,70 @@ fn one_sided_materials_are_black_from_behind_and_do_not_transmit() {
     let rough = rough_mirror(facets(MicrofacetKind::Beckmann, 0.5, 0.5));
     for material in [Material::Diffuse { reflectance: WHITE }, rough, mirror()] {
         for (wo, wi) in [(up, down), (down, up), (down, down)] {
-            assert!(material.eval(UV, wo, wi, TransportMode::Radiance).is_black() && material.pdf(UV, wo, wi) == 0.0);
+            assert!(
+                material.resolve(UV, wo).f(wo, wi, TransportMode::Radiance).is_black()
+                    && material.resolve(UV, wo).pdf(wo, wi) == 0.0
+            );
         }
         assert!(draw(&material, down, &mut random(1), TransportMode::Radiance).is_none());
     }
+}
+
+/// The reverse density of a delta lobe is the limit of that of a rough one: at the directions that a smooth boundary connects, the
+/// densities of a narrow rough boundary there and back have the quotient that [`Bsdf::pdf_rev`] gives.
+#[test]
+fn reverse_densities_of_delta_lobes_are_limits_of_rough_ones() {
+    let mut crossed = 0;
+    for eta in [1.5, 1.0 / 1.33] {
+        let rough = rough_glass(eta, facets(MicrofacetKind::Ggx, 2e-3, 2e-3), Spectrum::ONE);
+        for path in 0..200 {
+            let (wo, _) = random_pair(path);
+            if wo.z.abs() < 0.1 {
+                continue;
+            }
+            let smooth = glass(eta).resolve(UV, wo);
+            let sample = draw(&glass(eta), wo, &mut random(path), TransportMode::Flux).unwrap();
+            let rough = rough.resolve(UV, wo);
+            let [there, back] = [rough.pdf(wo, sample.wi), rough.pdf(sample.wi, wo)];
+            let (limit, quotient) = (back / there, smooth.pdf_rev(wo, &sample) / sample.pdf);
+            assert!(
+                (limit - quotient).abs() < 5e-3 * limit,
+                "{wo} {sample:?}: {limit} {quotient}"
+            );
+            crossed += u32::from(sample.eta != 1.0);
+        }
+    }
+    assert!(crossed > 200, "{crossed}");
+}
+
+/// Walked the other way, a sample's direction has the density that sampling from there says.
+#[test]
+fn reverse_densities_are_those_of_sampling_the_reverse() {
+    let mut compared = 0;
+    let delta = [("mirror", mirror()), ("glass", glass(1.5)), ("null", Material::Null)];
+    for (name, material) in scattering().into_iter().chain(delta) {
+        for path in 0..500 {
+            let (wo, _) = random_pair(path);
+            let Some(sample) = draw(&material, wo, &mut random(path), TransportMode::Radiance) else {
+                continue;
+            };
+            let reverse = material.resolve(UV, wo).pdf_rev(wo, &sample);
+            let from_there = material.resolve(UV, sample.wi);
+            let expected = if sample.delta {
+                let lobe = if sample.eta == 1.0 {
+                    0.0
+                } else {
+                    crate::math::ONE_MINUS_EPSILON
+                };
+                let back = from_there.sample(sample.wi, lobe, UV, TransportMode::Radiance).unwrap();
+                assert!((back.wi - wo).length() < 1e-3, "{name}: {wo} {sample:?} {back:?}");
+                back.pdf * (wo.z / sample.wi.z).abs() / (sample.eta * sample.eta)
+            } else {
+                from_there.pdf(sample.wi, wo)
+            };
+            assert!(close(reverse, expected), "{name}: {wo} {sample:?} {reverse} {expected}");
+            compared += 1;
+        }
+    }
+    assert!(compared > 3000, "{compared}");
 }

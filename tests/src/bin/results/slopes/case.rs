@@ -140,7 +140,9 @@ fn rough_mirror(scene: &Scene, theta: f64) -> f64 {
     let to_light = Vec3::new(-0.342, 0.0, 0.9397).normalize();
     let frame = Frame::from_normal(axis);
     let radiance = |wo: Vec3| {
-        let f = scene.materials[0].eval(Vec2::ZERO, wo, to_light, TransportMode::Radiance);
+        let f = scene.materials[0]
+            .resolve(Vec2::ZERO, wo)
+            .f(wo, to_light, TransportMode::Radiance);
         f64::from(f.luminance()) * f64::from(to_light.z)
     };
     if theta == 0.0 {

@@ -1,0 +1,258 @@
+//! A material at a hit: a few lobes by value, their textures looked up.
+
+use super::{GRAZING, Microfacets, TransportMode, conductor, dielectric, diffuse};
+use crate::math::{Vec2, Vec3};
+use crate::spectrum::Spectrum;
+use crate::texture::Texture;
+
+/// How a surface scatters at one point, seen from one of its sides. Made by [`super::Material::resolve`].
+#[derive(Clone, Copy, Debug)]
+pub struct Bsdf {
+    lobe: Lobe,
+    /// 1, or -1 where the lobes are to see directions turned to the other side.
+    side: f32,
+}
+
+/// A part of a BSDF: one way to scatter, with constants in place of textures.
+#[derive(Clone, Copy, Debug)]
+pub enum Lobe {
+    /// Lambertian reflection on the outer side.
+    Diffuse {
+        /// Albedo, in [0, 1].
+        reflectance: Spectrum,
+    },
+    /// Reflection and refraction at a smooth boundary: a delta function.
+    Dielectric {
+        /// Interior over exterior index.
+        eta: f32,
+        /// Factors on the two branches.
+        tints: Tints,
+    },
+    /// Reflection and refraction at a rough boundary.
+    RoughDielectric {
+        /// Interior over exterior index.
+        eta: f32,
+        /// Roughness.
+        facets: Microfacets,
+        /// Factors on the two branches.
+        tints: Tints,
+    },
+    /// The mirror image in a metal, on the outer side: a delta function.
+    Conductor {
+        /// Real part of the index.
+        eta: Spectrum,
+        /// Imaginary part of the index.
+        k: Spectrum,
+        /// Factor on reflected light.
+        reflectance: Spectrum,
+    },
+    /// Reflection by a rough metal, on the outer side.
+    RoughConductor {
+        /// Real part of the index.
+        eta: Spectrum,
+        /// Imaginary part of the index.
+        k: Spectrum,
+        /// Roughness.
+        facets: Microfacets,
+        /// Factor on reflected light.
+        reflectance: Spectrum,
+    },
+    /// Straight through: a delta function.
+    Null,
+}
+
+/// Factors that a material puts on the two branches of a dielectric boundary.
+#[derive(Clone, Copy, Debug)]
+pub struct Tints {
+    /// On reflected light.
+    pub reflectance: Spectrum,
+    /// On transmitted light.
+    pub transmittance: Spectrum,
+}
+
+impl Tints {
+    pub(super) fn new(reflectance: &Texture, transmittance: &Texture, uv: Vec2) -> Self {
+        Self {
+            reflectance: reflectance.eval(uv),
+            transmittance: transmittance.eval(uv),
+        }
+    }
+}
+
+/// A sampled direction.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfSample {
+    /// Local direction.
+    pub wi: Vec3,
+    /// f(wo, wi) [1/sr], of all lobes together that are no delta functions; for a delta lobe the factor such that
+    /// `f * |cos wi| / pdf` is the path weight.
+    pub f: Spectrum,
+    /// Solid-angle density [1/sr], of all lobes together; for a delta lobe the probability of choosing it.
+    pub pdf: f32,
+    /// Whether the lobe is a delta function of direction.
+    pub delta: bool,
+    /// Relative index of refraction along `wi` (1 unless the sample crossed a dielectric boundary); for Russian roulette.
+    pub eta: f32,
+}
+
+impl BsdfSample {
+    fn tinted(self, tint: Spectrum) -> Self {
+        Self {
+            f: self.f * tint,
+            ..self
+        }
+    }
+}
+
+impl Bsdf {
+    pub(super) fn of(lobe: Lobe) -> Self {
+        Self { lobe, side: 1.0 }
+    }
+
+    /// The same on the other side of the surface.
+    pub(super) fn turned(self) -> Self {
+        Self {
+            side: -self.side,
+            ..self
+        }
+    }
+
+    /// The direction as the lobes see it, and back.
+    fn turn(&self, w: Vec3) -> Vec3 {
+        Vec3::new(w.x, w.y, self.side * w.z)
+    }
+
+    /// f(wo, wi) [1/sr] without the cosine, delta lobes left out.
+    #[must_use]
+    pub fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
+        self.lobe.f(self.turn(wo), self.turn(wi), mode)
+    }
+
+    /// Solid-angle density [1/sr] with which [`Self::sample`] returns `wi`, delta lobes left out; the same in both modes.
+    #[must_use]
+    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+        self.lobe.pdf(self.turn(wo), self.turn(wi))
+    }
+
+    /// Samples `wi` given `wo` from the random numbers `lobe` and `u`. `None` where the sample carries nothing.
+    #[must_use]
+    pub fn sample(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
+        let sample = self.lobe.sample(self.turn(wo), lobe, u, mode)?;
+        (!sample.f.is_black()).then(|| BsdfSample {
+            wi: self.turn(sample.wi),
+            ..sample
+        })
+    }
+
+    /// The density with which the path of `sample`, walked the other way, would have been sampled: of `wo` given `sample.wi`
+    /// [1/sr]; for a delta lobe its probability in units of `sample.pdf`.
+    ///
+    /// The delta function of the sample is one of `wi`, that of the reverse one of `wo`: the quotient of the solid angles that a
+    /// narrow pencil fills on both sides, `|d wi / d wo| = |cos wo| / (eta^2 |cos wi|)` (Veach 1997, section 5.2), stands between
+    /// them. So quotients of both are those of a rough lobe in the limit.
+    #[must_use]
+    pub fn pdf_rev(&self, wo: Vec3, sample: &BsdfSample) -> f32 {
+        if !sample.delta {
+            return self.pdf(sample.wi, wo);
+        }
+        // A boundary reflects the same share from both sides, so that the probability is the same.
+        sample.pdf * (wo.z / sample.wi.z).abs() / (sample.eta * sample.eta)
+    }
+
+    /// Whether some lobe is no delta function: next-event estimation and density estimation apply to it.
+    #[must_use]
+    pub fn has_smooth(&self) -> bool {
+        self.least_roughness().is_some()
+    }
+
+    /// Whether scattering is too concentrated for a density estimate: of the lobes that are no delta functions one has a microfacet
+    /// roughness below `roughness` along either axis, or there are none.
+    #[must_use]
+    pub fn is_glossier_than(&self, roughness: f32) -> bool {
+        self.least_roughness().is_none_or(|least| least < roughness)
+    }
+
+    /// The smallest microfacet roughness of the lobes that are no delta functions: infinite for diffuse scattering, `None` where
+    /// there are none.
+    #[must_use]
+    pub fn least_roughness(&self) -> Option<f32> {
+        self.lobe.least_roughness()
+    }
+}
+
+impl Lobe {
+    /// As [`Bsdf::f`].
+    fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
+        match self {
+            Self::Diffuse { reflectance } => diffuse::eval(wo, wi) * *reflectance,
+            Self::RoughDielectric { eta, facets, tints } => dielectric::eval(*eta, facets, *tints, wo, wi, mode),
+            Self::RoughConductor {
+                eta,
+                k,
+                facets,
+                reflectance,
+            } => conductor::eval(*eta, *k, facets, wo, wi) * *reflectance,
+            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => Spectrum::ZERO,
+        }
+    }
+
+    /// As [`Bsdf::pdf`].
+    fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+        match self {
+            Self::Diffuse { .. } => diffuse::pdf(wo, wi),
+            Self::RoughDielectric { eta, facets, .. } => dielectric::pdf(*eta, facets, wo, wi),
+            Self::RoughConductor { facets, .. } => conductor::pdf(facets, wo, wi),
+            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => 0.0,
+        }
+    }
+
+    /// As [`Bsdf::sample`], but for samples that carry nothing.
+    fn sample(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
+        match self {
+            Self::Diffuse { reflectance } => Some(diffuse::sample(wo, u)?.tinted(*reflectance)),
+            Self::Dielectric { eta, tints } => dielectric::sample_smooth(*eta, *tints, wo, lobe, mode),
+            Self::RoughDielectric { eta, facets, tints } => {
+                dielectric::sample(*eta, facets, *tints, wo, (lobe, u), mode)
+            }
+            Self::Conductor { eta, k, reflectance } => {
+                Some(conductor::sample_smooth(*eta, *k, wo)?.tinted(*reflectance))
+            }
+            Self::RoughConductor {
+                eta,
+                k,
+                facets,
+                reflectance,
+            } => Some(conductor::sample(*eta, *k, facets, wo, u)?.tinted(*reflectance)),
+            Self::Null => pass_through(wo),
+        }
+    }
+
+    /// Whether the lobe is a delta function of direction.
+    #[must_use]
+    pub fn is_delta(&self) -> bool {
+        self.least_roughness().is_none()
+    }
+
+    /// The smaller microfacet roughness: infinite for diffuse scattering, `None` for delta functions.
+    fn least_roughness(&self) -> Option<f32> {
+        match self {
+            Self::Diffuse { .. } => Some(f32::INFINITY),
+            Self::RoughDielectric { facets, .. } | Self::RoughConductor { facets, .. } => {
+                Some(facets.alpha.min_element())
+            }
+            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => None,
+        }
+    }
+}
+
+/// Straight through, with weight one.
+fn pass_through(wo: Vec3) -> Option<BsdfSample> {
+    let cos = wo.z.abs();
+    (cos > GRAZING).then(|| BsdfSample {
+        wi: -wo,
+        f: Spectrum::splat(1.0 / cos),
+        pdf: 1.0,
+        delta: true,
+        eta: 1.0,
+    })
+}
