@@ -10,7 +10,8 @@ use photonfarm_core::settings::{
 use photonfarm_tests::scenes;
 use std::path::Path;
 
-const SCENES: [&str; 6] = [
+const SCENES: [&str; 7] = [
+    "coated",
     "diffuse-box",
     "environment",
     "mirror-glass",

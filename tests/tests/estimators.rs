@@ -59,12 +59,16 @@ fn measure_over_seeds(scene: &Scene, settings: &IntegratorSettings, seeds: std::
 }
 
 fn reference(scene: &Scene, max_depth: u32) -> Moments {
+    short_reference(scene, max_depth, 160)
+}
+
+fn short_reference(scene: &Scene, max_depth: u32, iterations: u32) -> Moments {
     let settings = PathSettings {
         samples: 16,
         sampling: Sampling::Independent,
         max_depth: Some(max_depth),
     };
-    measure(scene, &IntegratorSettings::Path(settings), 1, 160)
+    measure(scene, &IntegratorSettings::Path(settings), 1, iterations)
 }
 
 fn pppm(sigma1: f32, max_depth: u32) -> IntegratorSettings {
@@ -170,6 +174,42 @@ fn mirror_and_glass_agree_with_path_tracing() {
             (LookupVertex::Fixed(2), 0.04, 10.0),
         ],
     );
+}
+
+/// A coated floor is a mirror and diffuse at once: the room, a caustic and the lamp are seen in it, and light reaches walls by way of its
+/// mirror. Each integrator splits it into lobes in its own way.
+#[test]
+fn coated_surfaces_agree_with_path_tracing() {
+    const DEPTH: u32 = 8;
+    let scene = load("coated");
+    let truth = short_reference(&scene, DEPTH, 64);
+    let photons = match pppm(0.01, DEPTH) {
+        IntegratorSettings::Pppm(s) => IntegratorSettings::Pppm(PppmSettings { photons: 15_000, ..s }),
+        other => other,
+    };
+    let cones = |lookup, nested| match pcf(0.04, 10.0, lookup, DEPTH) {
+        IntegratorSettings::Pcf(s) => IntegratorSettings::Pcf(PcfSettings {
+            photons: 25_000,
+            nested,
+            ..s
+        }),
+        other => other,
+    };
+    for settings in [
+        photons,
+        cones(LookupVertex::Auto, false),
+        cones(LookupVertex::Auto, true),
+        cones(LookupVertex::Fixed(2), false),
+    ] {
+        let estimate = measure(&scene, &settings, 2, 40);
+        let test = ZTest::compare(&estimate, &truth, FALSE_ALARMS);
+        println!("{}: {test:?}", settings.name());
+        assert!(test.passes(), "{settings:?}: {test:?}");
+        assert!(
+            test.relative_noise < 0.06 && test.relative_difference.abs() < 0.02,
+            "{test:?}"
+        );
+    }
 }
 
 #[test]

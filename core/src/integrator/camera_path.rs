@@ -20,9 +20,12 @@ pub(super) enum Visit {
     Walk,
     /// Walk on: direct light there has been accounted for.
     WalkOnly,
-    /// Add this radiance, estimate direct light there, and end.
+    /// Add this radiance and estimate direct light there, which accounts for all lobes but delta functions: end, or walk on along
+    /// one of these.
     AddAndEndAfterDirect(Spectrum),
-    /// End: direct light there has been accounted for.
+    /// All lobes but delta functions have been accounted for: end, or walk on along one of these.
+    WalkAlongDelta,
+    /// End: all light there has been accounted for.
     End,
 }
 
@@ -49,6 +52,7 @@ pub(super) fn radiance(
     let mut throughput = Spectrum::ONE;
     let mut eta = 1.0;
     let mut bounce: Option<Bounce> = None;
+    // Whether the path ends with its next edge; whether light that it meets by scattering, or by a connection, counts.
     let (mut ending, mut direct) = (false, true);
     for edges in 1..=max_edges {
         let hit = tracer.intersect(&ray);
@@ -61,6 +65,7 @@ pub(super) fn radiance(
         }
         let vertex = Vertex::new(tracer.scene, point, -ray.direction, TransportMode::Radiance);
         direct = true;
+        let mut only_delta = false;
         match visit(&vertex, edges, throughput) {
             Visit::Walk => {}
             Visit::WalkOnly => direct = false,
@@ -68,18 +73,21 @@ pub(super) fn radiance(
                 total += throughput * radiance;
                 ending = true;
             }
-            Visit::End => break,
+            Visit::WalkAlongDelta if vertex.has_delta() => only_delta = true,
+            Visit::WalkAlongDelta | Visit::End => break,
         }
         if edges == max_edges {
             break;
         }
-        if direct && !vertex.is_delta() {
+        if direct && !only_delta && !vertex.is_delta() {
             total += throughput * next_event(tracer, &vertex, random);
         }
         let Some(scattered) = vertex.sample(random) else {
             break;
         };
-        if ending && scattered.bsdf.delta {
+        if scattered.bsdf.delta {
+            ending = false;
+        } else if only_delta {
             break;
         }
         throughput *= scattered.weight();

@@ -72,6 +72,11 @@ impl Vertex {
         !self.bsdf.has_smooth()
     }
 
+    /// Whether some lobe is a delta function of direction.
+    pub(super) fn has_delta(&self) -> bool {
+        self.bsdf.has_delta()
+    }
+
     /// Whether the lobes that are no delta functions are too glossy for a density estimate, or there are none.
     pub(super) fn is_glossier_than(&self, roughness: f32) -> bool {
         self.bsdf.is_glossier_than(roughness)

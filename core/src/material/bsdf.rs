@@ -1,16 +1,45 @@
 //! A material at a hit: a few lobes by value, their textures looked up.
 
-use super::{GRAZING, Microfacets, TransportMode, conductor, dielectric, diffuse};
-use crate::math::{Vec2, Vec3};
+use super::{Coat, GRAZING, Microfacets, TransportMode, coat, conductor, dielectric, diffuse};
+use crate::math::{ONE_MINUS_EPSILON, Vec2, Vec3};
 use crate::spectrum::Spectrum;
 use crate::texture::Texture;
 
 /// How a surface scatters at one point, seen from one of its sides. Made by [`super::Material::resolve`].
 #[derive(Clone, Copy, Debug)]
 pub struct Bsdf {
-    lobe: Lobe,
+    first: Lobe,
+    second: Option<Second>,
     /// 1, or -1 where the lobes are to see directions turned to the other side.
     side: f32,
+}
+
+/// A lobe beside the first one.
+#[derive(Clone, Copy, Debug)]
+struct Second {
+    lobe: Lobe,
+    choice: Choice,
+}
+
+/// How often the first of two lobes is sampled, when it is what a smooth dielectric boundary reflects and the second what the
+/// boundary lets through: `F(w) reflected` against `(1 - F(w)) transmitted`.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
+    eta: f32,
+    /// Albedo of the first lobe where all is reflected.
+    reflected: f32,
+    /// Albedo of the second where nothing is.
+    transmitted: f32,
+}
+
+impl Choice {
+    /// Probability of the first lobe seen from `w`.
+    fn first(&self, w: Vec3) -> f32 {
+        let reflectance = coat::reflectance(self.eta, w);
+        let first = reflectance * self.reflected;
+        let total = first + (1.0 - reflectance) * self.transmitted;
+        if total > 0.0 { first / total } else { 1.0 }
+    }
 }
 
 /// A part of a BSDF: one way to scatter, with constants in place of textures.
@@ -56,6 +85,20 @@ pub enum Lobe {
         facets: Microfacets,
         /// Factor on reflected light.
         reflectance: Spectrum,
+    },
+    /// The mirror image in a smooth coat, on the outer side: a delta function.
+    CoatReflection {
+        /// Index of the coat over that of the exterior.
+        eta: f32,
+        /// Factor on reflected light.
+        reflectance: Spectrum,
+    },
+    /// Reflection by the diffuse base under a smooth coat, on the outer side.
+    CoatedDiffuse {
+        /// Index of the coat over that of the exterior.
+        eta: f32,
+        /// f over what the coat lets in and out, `(1 - F(wo)) (1 - F(wi))` [1/sr].
+        base: Spectrum,
     },
     /// Straight through: a delta function.
     Null,
@@ -106,7 +149,31 @@ impl BsdfSample {
 
 impl Bsdf {
     pub(super) fn of(lobe: Lobe) -> Self {
-        Self { lobe, side: 1.0 }
+        Self {
+            first: lobe,
+            second: None,
+            side: 1.0,
+        }
+    }
+
+    /// A coat that reflects the share `reflectance` of what Fresnel's equations say, and a base of the albedo `diffuse` under it.
+    pub(super) fn coated(coat: &Coat, reflectance: Spectrum, diffuse: Spectrum) -> Self {
+        let eta = coat.eta();
+        let second = Second {
+            lobe: Lobe::CoatedDiffuse {
+                eta,
+                base: coat.base(diffuse),
+            },
+            choice: Choice {
+                eta,
+                reflected: reflectance.mean(),
+                transmitted: diffuse.mean(),
+            },
+        };
+        Self {
+            second: Some(second),
+            ..Self::of(Lobe::CoatReflection { eta, reflectance })
+        }
     }
 
     /// The same on the other side of the surface.
@@ -125,23 +192,56 @@ impl Bsdf {
     /// f(wo, wi) [1/sr] without the cosine, delta lobes left out.
     #[must_use]
     pub fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
-        self.lobe.f(self.turn(wo), self.turn(wi), mode)
+        let (wo, wi) = (self.turn(wo), self.turn(wi));
+        let first = self.first.f(wo, wi, mode);
+        match &self.second {
+            None => first,
+            Some(second) => first + second.lobe.f(wo, wi, mode),
+        }
     }
 
     /// Solid-angle density [1/sr] with which [`Self::sample`] returns `wi`, delta lobes left out; the same in both modes.
     #[must_use]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        self.lobe.pdf(self.turn(wo), self.turn(wi))
+        let (wo, wi) = (self.turn(wo), self.turn(wi));
+        let first = self.first.pdf(wo, wi);
+        match &self.second {
+            None => first,
+            Some(second) => {
+                let share = second.choice.first(wo);
+                share * first + (1.0 - share) * second.lobe.pdf(wo, wi)
+            }
+        }
     }
 
     /// Samples `wi` given `wo` from the random numbers `lobe` and `u`. `None` where the sample carries nothing.
     #[must_use]
     pub fn sample(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
-        let sample = self.lobe.sample(self.turn(wo), lobe, u, mode)?;
+        let wo = self.turn(wo);
+        let sample = match &self.second {
+            None => self.first.sample(wo, lobe, u, mode)?,
+            Some(second) => self.sample_of_two(second, wo, lobe, u, mode)?,
+        };
         (!sample.f.is_black()).then(|| BsdfSample {
             wi: self.turn(sample.wi),
             ..sample
         })
+    }
+
+    fn sample_of_two(&self, second: &Second, wo: Vec3, u: f32, v: Vec2, mode: TransportMode) -> Option<BsdfSample> {
+        let share = second.choice.first(wo);
+        let (chosen, other, probability, u) = if u < share {
+            (&self.first, &second.lobe, share, u / share)
+        } else {
+            (&second.lobe, &self.first, 1.0 - share, (u - share) / (1.0 - share))
+        };
+        let mut sample = chosen.sample(wo, u.min(ONE_MINUS_EPSILON), v, mode)?;
+        sample.pdf *= probability;
+        if !sample.delta {
+            sample.f += other.f(wo, sample.wi, mode);
+            sample.pdf += (1.0 - probability) * other.pdf(wo, sample.wi);
+        }
+        Some(sample)
     }
 
     /// The density with which the path of `sample`, walked the other way, would have been sampled: of `wo` given `sample.wi`
@@ -155,14 +255,26 @@ impl Bsdf {
         if !sample.delta {
             return self.pdf(sample.wi, wo);
         }
-        // A boundary reflects the same share from both sides, so that the probability is the same.
+        // A boundary reflects the same share from both sides, and a coat from both directions that it mirrors into each other: the
+        // probability is the same.
         sample.pdf * (wo.z / sample.wi.z).abs() / (sample.eta * sample.eta)
+    }
+
+    /// The lobes; at most one of them is a delta function.
+    pub fn lobes(&self) -> impl Iterator<Item = &Lobe> {
+        std::iter::once(&self.first).chain(self.second.as_ref().map(|second| &second.lobe))
+    }
+
+    /// Whether some lobe is a delta function: a path can go on along it that no other technique finds.
+    #[must_use]
+    pub fn has_delta(&self) -> bool {
+        self.lobes().any(Lobe::is_delta)
     }
 
     /// Whether some lobe is no delta function: next-event estimation and density estimation apply to it.
     #[must_use]
     pub fn has_smooth(&self) -> bool {
-        self.least_roughness().is_some()
+        self.lobes().any(|lobe| !lobe.is_delta())
     }
 
     /// Whether scattering is too concentrated for a density estimate: of the lobes that are no delta functions one has a microfacet
@@ -176,7 +288,7 @@ impl Bsdf {
     /// there are none.
     #[must_use]
     pub fn least_roughness(&self) -> Option<f32> {
-        self.lobe.least_roughness()
+        self.lobes().filter_map(Lobe::least_roughness).reduce(f32::min)
     }
 }
 
@@ -192,17 +304,20 @@ impl Lobe {
                 facets,
                 reflectance,
             } => conductor::eval(*eta, *k, facets, wo, wi) * *reflectance,
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => Spectrum::ZERO,
+            Self::CoatedDiffuse { eta, base } => *base * coat::eval_base(*eta, wo, wi),
+            Self::Dielectric { .. } | Self::Conductor { .. } | Self::CoatReflection { .. } | Self::Null => {
+                Spectrum::ZERO
+            }
         }
     }
 
     /// As [`Bsdf::pdf`].
     fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         match self {
-            Self::Diffuse { .. } => diffuse::pdf(wo, wi),
+            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => diffuse::pdf(wo, wi),
             Self::RoughDielectric { eta, facets, .. } => dielectric::pdf(*eta, facets, wo, wi),
             Self::RoughConductor { facets, .. } => conductor::pdf(facets, wo, wi),
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => 0.0,
+            Self::Dielectric { .. } | Self::Conductor { .. } | Self::CoatReflection { .. } | Self::Null => 0.0,
         }
     }
 
@@ -223,6 +338,8 @@ impl Lobe {
                 facets,
                 reflectance,
             } => Some(conductor::sample(*eta, *k, facets, wo, u)?.tinted(*reflectance)),
+            Self::CoatReflection { eta, reflectance } => Some(coat::sample_reflection(*eta, wo)?.tinted(*reflectance)),
+            Self::CoatedDiffuse { eta, base } => Some(coat::sample_base(*eta, wo, u)?.tinted(*base)),
             Self::Null => pass_through(wo),
         }
     }
@@ -236,11 +353,11 @@ impl Lobe {
     /// The smaller microfacet roughness: infinite for diffuse scattering, `None` for delta functions.
     fn least_roughness(&self) -> Option<f32> {
         match self {
-            Self::Diffuse { .. } => Some(f32::INFINITY),
+            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => Some(f32::INFINITY),
             Self::RoughDielectric { facets, .. } | Self::RoughConductor { facets, .. } => {
                 Some(facets.alpha.min_element())
             }
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::Null => None,
+            Self::Dielectric { .. } | Self::Conductor { .. } | Self::CoatReflection { .. } | Self::Null => None,
         }
     }
 }

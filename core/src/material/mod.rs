@@ -13,6 +13,7 @@
 //! side of `wo`, `f(wo, wi, Radiance) = f(wi, wo, Flux) = f(wo, wi, Flux) / eta^2`.
 
 mod bsdf;
+mod coat;
 mod conductor;
 mod conductors;
 mod dielectric;
@@ -24,6 +25,7 @@ mod microfacet;
 mod tests;
 
 pub use bsdf::{Bsdf, BsdfSample, Lobe, Tints};
+pub use coat::Coat;
 
 use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;
@@ -85,6 +87,15 @@ pub enum Material {
         /// Roughness.
         distribution: Microfacets,
         /// Factor on reflected light.
+        specular_reflectance: Texture,
+    },
+    /// A diffuse base under a smooth dielectric coat; outer side only.
+    Plastic {
+        /// The coat.
+        coat: Coat,
+        /// Albedo of the base, in [0, 1].
+        diffuse_reflectance: Texture,
+        /// Factor on what the coat reflects.
         specular_reflectance: Texture,
     },
     /// Not there: light goes straight through.
@@ -172,6 +183,11 @@ impl Material {
                 facets: *distribution,
                 reflectance: specular_reflectance.eval(uv),
             },
+            Self::Plastic {
+                coat,
+                diffuse_reflectance,
+                specular_reflectance,
+            } => return Bsdf::coated(coat, specular_reflectance.eval(uv), diffuse_reflectance.eval(uv)),
             Self::Null => Lobe::Null,
             Self::TwoSided { front, .. } if wo.z > 0.0 => return front.resolve(uv, wo),
             Self::TwoSided { back, .. } => return back.resolve(uv, turned(wo)).turned(),

@@ -88,7 +88,10 @@ impl Scene {
     fn is_black_back(&self, point: &SurfacePoint, wo: Vec3) -> bool {
         let one_sided = matches!(
             self.material(point),
-            Material::Diffuse { .. } | Material::Conductor { .. } | Material::RoughConductor { .. }
+            Material::Diffuse { .. }
+                | Material::Conductor { .. }
+                | Material::RoughConductor { .. }
+                | Material::Plastic { .. }
         );
         one_sided && point.geometric_normal.dot(wo) < 0.0
     }

@@ -77,8 +77,12 @@ impl Scene {
     /// What these settings are not made for in this scene.
     #[must_use]
     pub fn hints(&self, settings: &IntegratorSettings) -> Vec<SceneWarning> {
-        let specular =
-            |material: &Material| matches!(material, Material::Dielectric { .. } | Material::Conductor { .. });
+        let specular = |material: &Material| {
+            matches!(
+                material,
+                Material::Dielectric { .. } | Material::Conductor { .. } | Material::Plastic { .. }
+            )
+        };
         let used = |index: u32| specular(&self.materials[index as usize]);
         match &self.small_lamp {
             Some(lamp)

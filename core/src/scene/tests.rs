@@ -2,6 +2,7 @@
 
 use super::{Limits, Scene, SceneFaults};
 use crate::film::Filter;
+use crate::material::Material;
 use crate::math::{Vec2, Vec3};
 use crate::sensor::{Projection, Sensor};
 use crate::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
@@ -297,6 +298,39 @@ fn path_tracing_of_glass_and_a_small_lamp_comes_with_a_hint() {
         );
         assert_eq!(hints(glass, &lamp, &path), expected, "{size}");
     }
+}
+
+#[test]
+fn plastic_is_read_with_its_defaults_and_may_be_a_side() {
+    let shape = |bsdf: &str| format!("<shape type='sphere'>{bsdf}</shape>{LIGHT}");
+    let scene = load(&shape("<bsdf type='plastic'/>"), None).unwrap();
+    let mean = |name: &str| {
+        let bsdf = format!(
+            "<bsdf type='twosided'><bsdf type='plastic'><float name='{name}' value='0.3'/><boolean name='nonlinear' \
+             value='true'/><string name='int_ior' value='water'/></bsdf></bsdf>"
+        );
+        let scene = load(&shape(&bsdf), None).unwrap();
+        let sides = scene.materials.iter().find_map(|material| match material {
+            Material::TwoSided { front, back } => Some([front.clone(), back.clone()]),
+            _ => None,
+        });
+        sides.unwrap().map(|side| match *side {
+            Material::Plastic {
+                diffuse_reflectance,
+                specular_reflectance,
+                ..
+            } => [diffuse_reflectance, specular_reflectance].map(|texture| texture.mean()[0]),
+            other => panic!("{other:?}"),
+        })
+    };
+    assert!(scene.materials.iter().any(|m| matches!(m, Material::Plastic { .. })));
+    assert_eq!(mean("diffuse_reflectance"), [[0.3, 1.0]; 2]);
+    assert_eq!(mean("specular_reflectance"), [[0.5, 0.3]; 2]);
+    let error = load(
+        &shape("<bsdf type='plastic'><float name='specular_transmittance' value='1'/></bsdf>"),
+        None,
+    );
+    assert!(error.is_err() || !warnings(&error.unwrap()).is_empty());
 }
 
 #[test]

@@ -2,13 +2,14 @@
 
 use super::camera_lobe::{CameraLobe, LobeAt};
 use super::importons::{DEFENSIVE, Importons, Mixture};
+use super::query::is_automatic_lookup;
 use crate::integrator::light_path::Arrival;
 use crate::integrator::vertex::Vertex;
 use crate::integrator::{Bandwidth, Job};
 use crate::map::{Occupancy, Record};
 use crate::math::{Vec3, pow, sqr};
 use crate::random::{PathRandom, Stream};
-use crate::settings::{DirectionSampler, PcfSettings};
+use crate::settings::{DirectionSampler, LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
 
 /// Stores the cones of light paths.
@@ -16,6 +17,7 @@ pub(super) struct ConeSampler<'a> {
     job: &'a Job<'a>,
     /// Exponent of the power heuristic.
     beta: f32,
+    lookup: LookupVertex,
     bsdf: bool,
     camera: Option<CameraLobe<'a>>,
     importons: Option<Importons>,
@@ -76,6 +78,7 @@ impl<'a> ConeSampler<'a> {
         Self {
             job,
             beta: settings.mis_beta,
+            lookup: settings.lookup_vertex,
             bsdf: uses(DirectionSampler::Bsdf),
             camera: uses(DirectionSampler::Camera)
                 .then(|| CameraLobe::new(&job.scene.sensor, bandwidth.theta, defensive)),
@@ -97,17 +100,21 @@ impl<'a> ConeSampler<'a> {
                 records.push(vertex.record(direction, weight, arrival.edges));
             }
         };
+        let walked = |vertex| self.lookup == LookupVertex::Auto && is_automatic_lookup(vertex);
+        if let Some(scattered) = arrival
+            .scattered
+            .filter(|s| s.bsdf.delta && wanted(s.wi) && !walked(vertex))
+        {
+            push(
+                scattered.wi,
+                arrival.flux * scattered.bsdf.f * (1.0 / scattered.bsdf.pdf),
+            );
+        }
         if vertex.is_delta() {
-            if let Some(scattered) = arrival.scattered.filter(|scattered| wanted(scattered.wi)) {
-                push(
-                    scattered.wi,
-                    arrival.flux * scattered.bsdf.f * (1.0 / scattered.bsdf.pdf),
-                );
-            }
             return;
         }
         let techniques = self.techniques(vertex);
-        if let Some(scattered) = arrival.scattered.filter(|s| self.bsdf && wanted(s.wi)) {
+        if let Some(scattered) = arrival.scattered.filter(|s| self.bsdf && !s.bsdf.delta && wanted(s.wi)) {
             let mut densities = techniques.densities(scattered.wi);
             densities[BSDF] = scattered.bsdf.pdf;
             let share = techniques.share_over_density(BSDF, densities);

@@ -10,6 +10,10 @@
 //! by the walk (emission and next-event estimation) where it is shorter. With nested PCF the walk leaves a query at the vertices
 //! before the `k`-th too, for light that arrives there straight from a light, and the walk itself counts only what the
 //! camera sees directly.
+//!
+//! A lookup vertex with a delta lobe beside a rough one, as under a coat, is a mirror too. With a fixed `k` its query counts the cones
+//! of both lobes. With `lookup_vertex=auto`, which walks through mirrors, it counts those of the rough lobe, and the walk goes on
+//! along the delta lobe: no cones are stored for that, and what the camera sees along it counts in full, nested or not.
 
 mod camera_lobe;
 mod clip;

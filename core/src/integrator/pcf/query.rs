@@ -111,7 +111,11 @@ impl Queries {
                         pixel: (sample.pixel - first) as u32,
                         radiance: Spectrum::ZERO,
                     });
-                    if at_lookup { Visit::End } else { Visit::WalkOnly }
+                    match settings.lookup_vertex {
+                        _ if !at_lookup => Visit::WalkOnly,
+                        LookupVertex::Fixed(_) => Visit::End,
+                        LookupVertex::Auto => Visit::WalkAlongDelta,
+                    }
                 },
             )
         })?;
@@ -245,8 +249,13 @@ impl Queries {
 fn is_lookup(lookup: LookupVertex, vertex: &Vertex, edges: u32) -> bool {
     match lookup {
         LookupVertex::Fixed(k) => edges == k,
-        LookupVertex::Auto => !vertex.is_glossier_than(GLOSSY_ROUGHNESS),
+        LookupVertex::Auto => is_automatic_lookup(vertex),
     }
+}
+
+/// Whether camera paths look the map up at such a vertex with `lookup_vertex=auto`. Along its delta lobes they walk on.
+pub(super) fn is_automatic_lookup(vertex: &Vertex) -> bool {
+    !vertex.is_glossier_than(GLOSSY_ROUGHNESS)
 }
 
 #[cfg(test)]

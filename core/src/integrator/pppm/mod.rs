@@ -4,6 +4,9 @@
 //! map is read. Direct light there comes from next-event estimation, so photons that come straight from a light
 //! are not stored: a path with `k` camera edges and `j` light edges is counted by the map where `j >= 2`, and by the
 //! camera path where `j <= 1`.
+//!
+//! A surface with a coat is both: its rough lobe ends the path as above, and with the probability of choosing the coat's delta lobe
+//! the path goes on along that, as it does from a mirror. Neither lobe knows of the other's light, so that nothing is counted twice.
 
 pub(super) mod settings;
 

@@ -1,6 +1,7 @@
 //! Tests of the materials as a whole.
 
 mod mitsuba;
+mod plastic;
 mod robustness;
 mod statistics;
 mod symmetry;
@@ -67,6 +68,15 @@ fn rough_glass(eta: f32, distribution: Microfacets, transmittance: Spectrum) -> 
     }
 }
 
+/// A coat of relative index `eta` over a grey base.
+fn plastic(eta: f32, albedo: f32, nonlinear: bool) -> Material {
+    Material::Plastic {
+        coat: Coat::new(eta, nonlinear),
+        diffuse_reflectance: grey(albedo),
+        specular_reflectance: WHITE,
+    }
+}
+
 fn two_sided(front: Material, back: Material) -> Material {
     Material::TwoSided {
         front: Box::new(front),
@@ -110,6 +120,9 @@ fn scattering() -> Vec<(&'static str, Material)> {
             "two sides",
             two_sided(diffuse(), rough_gold(facets(Ggx, 0.2, 0.2), Spectrum::ONE)),
         ),
+        ("plastic", plastic(1.49, 0.5, false)),
+        ("nonlinear plastic of high index", plastic(2.4, 0.9, true)),
+        ("plastic on the back", two_sided(diffuse(), plastic(1.49, 0.5, false))),
     ]
 }
 

@@ -38,6 +38,11 @@ fn materials() -> Vec<Material> {
         glass(1e3),
         two_sided(mirror(), Material::Diffuse { reflectance: WHITE }),
     ];
+    for eta in [1.5, 1.0, 1.0003, 1e-3, 1e3] {
+        materials.push(plastic(eta, 1.0, false));
+        materials.push(plastic(eta, 1.0, true));
+        materials.push(plastic(eta, 0.0, true));
+    }
     for kind in [MicrofacetKind::Beckmann, MicrofacetKind::Ggx] {
         for (x, y) in [
             (0.0, 0.0),
@@ -90,7 +95,10 @@ fn everything_is_finite_and_energy_is_not_made() {
                 1.0
             };
             let weight = sample.f * (gain * sample.wi.z.abs() / sample.pdf);
-            assert!(weight.max_component() <= 1.0 + 1e-4, "{} {weight:?}", what());
+            // Samples of a coated base do not follow what the coat lets out: their weights are below one in the mean only, which
+            // the tests of `plastic` show.
+            let even = matches!(material, Material::Plastic { .. }) && !sample.delta;
+            assert!(even || weight.max_component() <= 1.0 + 1e-4, "{} {weight:?}", what());
             drawn += 1;
         }
     }

@@ -12,7 +12,13 @@ fn every_sampler_matches_its_density() {
             assert_directions(
                 &format!("{name}, {wo}"),
                 tests,
-                |random| Some(draw(&material, wo, random, TransportMode::Radiance)?.wi),
+                |random| {
+                    Some(
+                        draw(&material, wo, random, TransportMode::Radiance)
+                            .filter(|s| !s.delta)?
+                            .wi,
+                    )
+                },
                 |wi| material.resolve(UV, wo).pdf(wo, wi),
             );
         }
@@ -21,7 +27,11 @@ fn every_sampler_matches_its_density() {
 
 /// Whether the side of `wo` scatters at all.
 fn sees(material: &Material, wo: Vec3) -> bool {
-    wo.z > 0.0 || !matches!(material, Material::Diffuse { .. } | Material::RoughConductor { .. })
+    let one_sided = matches!(
+        material,
+        Material::Diffuse { .. } | Material::RoughConductor { .. } | Material::Plastic { .. }
+    );
+    wo.z > 0.0 || !one_sided
 }
 
 #[test]
@@ -35,11 +45,18 @@ fn sampling_is_the_same_in_both_modes() {
     }
 }
 
-/// Mean and standard error of the weight `f |cos| / pdf` in the first channel, failures counting as zero.
-fn mean_weight(material: &Material, wo: Vec3, mode: TransportMode, samples: u64) -> (f64, f64) {
+/// Mean and standard error of the weight `f |cos| / pdf` in the first channel, failures and what is not `counted` being zero.
+pub(super) fn mean_weight(
+    material: &Material,
+    wo: Vec3,
+    mode: TransportMode,
+    samples: u64,
+    counted: impl Fn(&BsdfSample) -> bool,
+) -> (f64, f64) {
     let (mut sum, mut squares) = (0.0, 0.0);
     for path in 0..samples {
         let weight = draw(material, wo, &mut random(path), mode)
+            .filter(&counted)
             .map_or(0.0, |sample| f64::from(sample.f[0] * sample.wi.z.abs() / sample.pdf));
         sum += weight;
         squares += weight * weight;
@@ -49,13 +66,13 @@ fn mean_weight(material: &Material, wo: Vec3, mode: TransportMode, samples: u64)
     (mean, ((squares / n - mean * mean).max(0.0) / n).sqrt())
 }
 
-/// Share of the power arriving along `wo` that leaves again, by quadrature.
-fn albedo(material: &Material, wo: Vec3, mode: TransportMode) -> f64 {
+/// Share of the power arriving along `wo` that leaves again by lobes that are no delta functions, by quadrature.
+pub(super) fn albedo(material: &Material, wo: Vec3, mode: TransportMode) -> f64 {
     integrate_sphere(|wi| f64::from(material.resolve(UV, wo).f(wo, wi, mode)[0] * wi.z.abs()))
 }
 
 /// Error of [`albedo`] by quadrature in single precision, relative.
-const QUADRATURE: f64 = 2e-4;
+pub(super) const QUADRATURE: f64 = 2e-4;
 
 #[test]
 fn mean_weights_are_the_albedos() {
@@ -66,7 +83,7 @@ fn mean_weights_are_the_albedos() {
             let refracts = matches!(material, Material::RoughDielectric { .. });
             for mode in MODES.into_iter().take(if refracts { 2 } else { 1 }) {
                 let expected = albedo(&material, wo, mode);
-                let (mean, error) = mean_weight(&material, wo, mode, 30_000);
+                let (mean, error) = mean_weight(&material, wo, mode, 30_000, |sample| !sample.delta);
                 let excess = ((mean - expected).abs() - QUADRATURE * expected).max(0.0);
                 let p_value = if excess > 0.0 {
                     libm::erfc(excess / error / std::f64::consts::SQRT_2)
@@ -105,12 +122,12 @@ fn no_material_makes_energy_and_smooth_ones_lose_none() {
         (Material::Null, 1.0),
     ] {
         for wo in outgoing() {
-            let (mean, error) = mean_weight(&material, wo, TransportMode::Flux, 1000);
+            let (mean, error) = mean_weight(&material, wo, TransportMode::Flux, 1000, |_| true);
             assert!((mean - albedo).abs() < 1e-6 && error < 1e-6, "{material:?} {wo} {mean}");
         }
     }
     let diffuse = Material::Diffuse { reflectance: grey(0.7) };
-    let (mean, error) = mean_weight(&diffuse, Vec3::Z, TransportMode::Flux, 1000);
+    let (mean, error) = mean_weight(&diffuse, Vec3::Z, TransportMode::Flux, 1000, |_| true);
     assert!((mean - 0.7).abs() < 1e-6 && error < 1e-6);
 }
 

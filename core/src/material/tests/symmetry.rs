@@ -81,11 +81,14 @@ fn samples_carry_what_eval_and_pdf_say() {
                 let Some(sample) = draw(&material, wo, &mut random(path + 1_000_000), mode) else {
                     continue;
                 };
+                if sample.delta {
+                    continue;
+                }
                 let (f, pdf) = (
                     material.resolve(UV, wo).f(wo, sample.wi, mode),
                     material.resolve(UV, wo).pdf(wo, sample.wi),
                 );
-                assert!((sample.wi.length() - 1.0).abs() < 1e-5 && !sample.delta);
+                assert!((sample.wi.length() - 1.0).abs() < 1e-5);
                 assert!(close(sample.pdf, pdf), "{name}: {wo} {sample:?} {pdf}");
                 assert!(
                     (0..3).all(|c| close(sample.f[c], f[c])),
@@ -134,7 +137,12 @@ fn gloss_depends_on_the_side_that_is_seen() {
 fn one_sided_materials_are_black_from_behind_and_do_not_transmit() {
     let (up, down) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.6, 0.0, -0.8));
     let rough = rough_mirror(facets(MicrofacetKind::Beckmann, 0.5, 0.5));
-    for material in [Material::Diffuse { reflectance: WHITE }, rough, mirror()] {
+    for material in [
+        Material::Diffuse { reflectance: WHITE },
+        rough,
+        mirror(),
+        plastic(1.5, 0.5, true),
+    ] {
         for (wo, wi) in [(up, down), (down, up), (down, down)] {
             assert!(
                 material.resolve(UV, wo).f(wo, wi, TransportMode::Radiance).is_black()

@@ -2,7 +2,7 @@
 
 use super::Builder;
 use super::texture::{Role, colour};
-use crate::material::{Material, MicrofacetKind, Microfacets, ior};
+use crate::material::{Coat, Material, MicrofacetKind, Microfacets, ior};
 use crate::math::Vec2;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{SceneError, shortened};
@@ -12,22 +12,22 @@ use crate::spectrum::Spectrum;
 use crate::texture::Texture;
 use std::ops::RangeInclusive;
 
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: [&str; 8] = [
     "diffuse",
     "twosided",
     "dielectric",
     "roughdielectric",
     "conductor",
     "roughconductor",
+    "plastic",
     "null",
 ];
 /// BSDFs of Mitsuba that do not exist here.
-const ELSEWHERE: [&str; 18] = [
+const ELSEWHERE: [&str; 17] = [
     "mask",
     "blendbsdf",
     "bumpmap",
     "normalmap",
-    "plastic",
     "roughplastic",
     "principled",
     "principledthin",
@@ -86,6 +86,7 @@ impl Builder<'_, '_> {
             "twosided" => self.two_sided(&reader),
             "dielectric" | "roughdielectric" => self.dielectric(&reader),
             "conductor" | "roughconductor" => self.conductor(&reader),
+            "plastic" => self.plastic(&reader),
             "null" => Ok(Material::Null),
             other if ELSEWHERE.contains(&other) => {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
@@ -138,11 +139,14 @@ impl Builder<'_, '_> {
         let side = self.description.attempt(object, built)?;
         match side {
             Some(
-                material @ (Material::Diffuse { .. } | Material::Conductor { .. } | Material::RoughConductor { .. }),
+                material @ (Material::Diffuse { .. }
+                | Material::Conductor { .. }
+                | Material::RoughConductor { .. }
+                | Material::Plastic { .. }),
             ) => return Ok(Box::new(material)),
             Some(_) if !self.description.objects[object].faulty.get() => {
                 let place = &self.description.objects[object].place;
-                let reason = "a side must reflect only: diffuse, conductor, roughconductor";
+                let reason = "a side must reflect only: diffuse, conductor, roughconductor, plastic";
                 reader.fault(SceneError::value(place, reader.context(), reason))?;
             }
             _ => reader.object.faulty.set(true),
@@ -151,13 +155,7 @@ impl Builder<'_, '_> {
     }
 
     fn dielectric(&mut self, reader: &Reader) -> Result<Material, SceneError> {
-        let interior = refractive_index(reader, "int_ior", "bk7")?;
-        let exterior = refractive_index(reader, "ext_ior", "air")?;
-        let eta = (interior / exterior) as f32;
-        if !(1e-3..=1e3).contains(&eta) {
-            let reason = format!("the ratio of indices is {eta}; allowed: 0.001 to 1000");
-            reader.fault(reader.wrong("int_ior", reason))?;
-        }
+        let eta = relative_index(reader, "bk7")?;
         let specular_reflectance = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?;
         let specular_transmittance =
             self.colour_or_texture(reader, "specular_transmittance", Role::REFLECTANCE, 1.0)?;
@@ -174,6 +172,15 @@ impl Builder<'_, '_> {
             distribution,
             specular_reflectance,
             specular_transmittance,
+        })
+    }
+
+    fn plastic(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let eta = relative_index(reader, "polypropylene")?;
+        Ok(Material::Plastic {
+            coat: Coat::new(eta, reader.boolean("nonlinear", false)?),
+            diffuse_reflectance: self.colour_or_texture(reader, "diffuse_reflectance", Role::REFLECTANCE, 0.5)?,
+            specular_reflectance: self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?,
         })
     }
 
@@ -195,6 +202,18 @@ impl Builder<'_, '_> {
             specular_reflectance,
         })
     }
+}
+
+/// The index of the interior, `default` unless it is given, over that of the exterior.
+fn relative_index(reader: &Reader, default: &str) -> Result<f32, SceneError> {
+    let interior = refractive_index(reader, "int_ior", default)?;
+    let exterior = refractive_index(reader, "ext_ior", "air")?;
+    let eta = (interior / exterior) as f32;
+    if !(1e-3..=1e3).contains(&eta) {
+        let reason = format!("the ratio of indices is {eta}; allowed: 0.001 to 1000");
+        reader.fault(reader.wrong("int_ior", reason))?;
+    }
+    Ok(eta)
 }
 
 /// An index of refraction as a number or the name of a material.
