@@ -48,6 +48,68 @@ impl Filter {
     }
 }
 
+impl Filter {
+    /// The pixel that a path through the image position `at` [pixels] counts for, row by row from the top left, and its factor.
+    ///
+    /// The filter spreads the path over pixels about it: one of them is chosen with a probability in proportion to its share, and the
+    /// factor is the sum of their shares, 1 for a filter that adds up to one over the pixels. `None` beside the image.
+    #[must_use]
+    pub fn choose_pixel(&self, at: Vec2, resolution: [u32; 2], u: Vec2) -> Option<(usize, f32)> {
+        let (x, share_x) = self.choose(at.x, resolution[0], u.x)?;
+        let (y, share_y) = self.choose(at.y, resolution[1], u.y)?;
+        Some((y * resolution[0] as usize + x, share_x * share_y))
+    }
+
+    /// The same along one axis.
+    fn choose(&self, at: f32, pixels: u32, u: f32) -> Option<(usize, f32)> {
+        let radius = self.radius();
+        let beyond = |offset: f32| (at - 0.5 + offset).ceil();
+        let (first, end) = (beyond(-radius), beyond(radius));
+        if end <= 0.0 || first >= pixels as f32 || end <= first {
+            return None;
+        }
+        let share = |pixel: f32| self.value(at - (pixel + 0.5));
+        let candidates = || (0..(end - first) as u32).map(|offset| first + offset as f32);
+        let sum: f32 = candidates().map(share).sum();
+        let mut left = u * sum;
+        let chosen = candidates().find(|pixel| {
+            left -= share(*pixel);
+            left < 0.0
+        });
+        let pixel = chosen.unwrap_or(end - 1.0);
+        (pixel >= 0.0 && pixel < pixels as f32).then_some((pixel as usize, sum))
+    }
+
+    /// Distance beyond which the filter is zero [pixels].
+    fn radius(&self) -> f32 {
+        match *self {
+            Self::Box { radius } | Self::Tent { radius } => radius,
+            Self::Gaussian { stddev } => GAUSSIAN_CUT as f32 * stddev,
+        }
+    }
+
+    /// Density along one axis of [`Self::sample`] at the offset [1/pixel] within the radius.
+    fn value(&self, offset: f32) -> f32 {
+        match *self {
+            Self::Box { radius } => 0.5 / radius,
+            Self::Tent { radius } => (1.0 - offset.abs() / radius).max(0.0) / radius,
+            Self::Gaussian { stddev } => gaussian(offset / stddev) / stddev,
+        }
+    }
+}
+
+/// The unit Gaussian, cut and lowered, as [`sample_gaussian`] draws from it.
+fn gaussian(x: f32) -> f32 {
+    let place = f64::from(x.abs()) * GAUSSIAN_CELLS as f64 / GAUSSIAN_CUT;
+    let cell = place as usize;
+    if cell >= GAUSSIAN_CELLS {
+        return 0.0;
+    }
+    let (start, end) = (GAUSSIAN[cell][0], GAUSSIAN[cell + 1][0]);
+    let value = start + (end - start) * (place - cell as f64);
+    (0.5 * value / GAUSSIAN[GAUSSIAN_CELLS][1]) as f32
+}
+
 /// The unit tent.
 fn sample_tent(u: f32) -> f32 {
     if u < 0.5 {
@@ -398,6 +460,62 @@ impl Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Every pixel is chosen with its share of the filter, in the mean over the choice.
+    #[test]
+    fn paths_count_for_pixels_as_the_filter_spreads_them() {
+        const STEPS: u32 = 1 << 14;
+        for filter in [
+            Filter::Box { radius: 0.5 },
+            Filter::Box { radius: 0.3 },
+            Filter::Box { radius: 1.2 },
+            Filter::Tent { radius: 1.0 },
+            Filter::Gaussian { stddev: 0.5 },
+        ] {
+            for at in [0.1, 3.5, 3.99, 9.3] {
+                let mut found = [0.0_f32; 10];
+                for step in 0..STEPS {
+                    let u = (step as f32 + 0.5) / STEPS as f32;
+                    if let Some((pixel, factor)) = filter.choose_pixel(Vec2::new(at, 2.5), [10, 5], Vec2::new(u, 0.5)) {
+                        assert_eq!(pixel / 10, 2, "{filter:?}: the middle row is nearest to the place");
+                        found[pixel % 10] += factor / STEPS as f32;
+                    }
+                }
+                let across = filter.choose(2.5, 5, 0.5).map_or(0.0, |(_, share)| share);
+                for (pixel, found) in found.iter().enumerate() {
+                    let offset = at - (pixel as f32 + 0.5);
+                    let inside = offset.abs() < filter.radius();
+                    let expected = if inside { across * filter.value(offset) } else { 0.0 };
+                    assert!(
+                        (found - expected).abs() < 2e-3,
+                        "{filter:?} at {at}, pixel {pixel}: {found}, not {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// The values of a filter along an axis are the density of its samples: they are the derivative of the distribution.
+    #[test]
+    fn values_of_filters_are_the_density_of_their_samples() {
+        for filter in [
+            Filter::Box { radius: 0.7 },
+            Filter::Tent { radius: 1.5 },
+            Filter::Gaussian { stddev: 0.6 },
+        ] {
+            let at = |u: f32| filter.sample(Vec2::splat(u)).x;
+            for step in 1..200 {
+                let u = step as f32 / 200.0;
+                let width = 2.0 / 1024.0;
+                let slope = width / (at(u + 0.5 * width) - at(u - 0.5 * width));
+                let value = filter.value(at(u));
+                assert!(
+                    (slope - value).abs() < 0.02 * (0.2 + value),
+                    "{filter:?} at {u}: {slope}, not {value}"
+                );
+            }
+        }
+    }
     use crate::random::{PathRandom, Stream};
 
     /// Largest distance of the empirical distribution along one axis from the filter's integral, by Simpson's rule.

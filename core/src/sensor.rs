@@ -1,7 +1,7 @@
 //! Cameras.
 use crate::geometry::Ray;
 use crate::math::warp::square_to_disk;
-use crate::math::{PI, Transform, Vec2, Vec3, atan2, sqr, tan};
+use crate::math::{FRAC_1_PI, PI, Transform, Vec2, Vec3, atan2, sqr, tan};
 
 /// A camera, as validated data. It looks along its local +z with +x to the left of the image (Mitsuba's convention).
 #[derive(Clone, Debug)]
@@ -39,6 +39,59 @@ pub struct Lens {
     pub radius: f32,
     /// Distance of the plane in focus [scene units].
     pub focus_distance: f32,
+}
+
+impl Lens {
+    /// Density of its points [1/unit^2].
+    fn pdf(self) -> f32 {
+        FRAC_1_PI / sqr(self.radius)
+    }
+}
+
+/// The density of a camera ray among those of one pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct SensorPdf {
+    /// Solid-angle density of its direction [1/sr]; where rays are parallel, of its place by area that faces the camera [1/unit^2].
+    pub pdf: f32,
+    /// Cosine of the direction with the camera's axis.
+    pub cos: f32,
+    /// Density of its point on the lens [1/unit^2]; none without a lens.
+    pub pdf_lens: Option<f32>,
+    /// Whether all rays are parallel.
+    pub parallel: bool,
+    /// Distance from the lens to the near plane, where the ray starts [scene units]; 0 where rays are parallel.
+    pub clipped: f32,
+}
+
+/// A connection of a surface point with the camera.
+#[derive(Clone, Copy, Debug)]
+pub struct SensorSample {
+    /// Image position [pixels, from the top left corner].
+    pub pixel: Vec2,
+    /// The density of the camera ray that goes the same way.
+    pub pdf: SensorPdf,
+    /// Unit direction to the camera.
+    pub direction: Vec3,
+    /// Distance to the lens, or where rays are parallel to the near plane [scene units].
+    pub distance: f32,
+}
+
+impl SensorSample {
+    /// How much of the way must be free for the camera to see the point [scene units].
+    #[must_use]
+    pub fn visible_distance(&self) -> f32 {
+        self.distance - self.pdf.clipped
+    }
+
+    /// Density by area that faces the camera [1/unit^2] of camera rays at the point.
+    #[must_use]
+    pub fn pdf_area(&self) -> f32 {
+        if self.pdf.parallel {
+            self.pdf.pdf
+        } else {
+            self.pdf.pdf / sqr(self.distance)
+        }
+    }
 }
 
 /// The way from a surface point to the camera.
@@ -96,6 +149,127 @@ impl Sensor {
             direction: world_direction,
             max_distance: far - near,
         }
+    }
+
+    /// The density with which camera rays through one pixel leave along the ray, which must be one of [`Self::ray`].
+    #[must_use]
+    pub fn pdf_we(&self, ray: &Ray) -> SensorPdf {
+        let axis = self.to_world.vector(Vec3::Z).normalize();
+        let cos = ray.direction.dot(axis);
+        match self.projection {
+            Projection::Perspective { lens, .. } => SensorPdf {
+                pdf: 1.0 / (self.pixel_area() * cos * cos * cos),
+                cos,
+                pdf_lens: lens.map(Lens::pdf),
+                parallel: false,
+                clipped: self.clip[0] / cos,
+            },
+            Projection::Orthographic => SensorPdf {
+                pdf: 1.0 / self.pixel_area(),
+                cos: 1.0,
+                pdf_lens: None,
+                parallel: true,
+                clipped: 0.0,
+            },
+        }
+    }
+
+    /// The part of the plane at distance one, or of an orthographic camera's cross-section [scene units squared], that a pixel shows.
+    fn pixel_area(&self) -> f32 {
+        sqr(self.pixel_footprint(1.0))
+    }
+
+    /// Connects a surface point with the camera through the point `u` of the lens; `None` where the camera does not see it, whatever
+    /// is in the way.
+    #[must_use]
+    pub fn sample_we(&self, position: Vec3, u: Vec2) -> Option<SensorSample> {
+        let local = self.to_world.inverted().point(position);
+        match self.projection {
+            Projection::Perspective { lens, .. } => {
+                let on_lens = lens.map_or(Vec3::ZERO, |lens| (lens.radius * square_to_disk(u)).extend(0.0));
+                let offset = local - on_lens;
+                let distance = offset.length();
+                let ray = Ray {
+                    origin: self.to_world.point(on_lens),
+                    direction: (position - self.to_world.point(on_lens)).try_normalize()?,
+                    max_distance: distance,
+                };
+                (offset.z > self.clip[0] && offset.z < self.clip[1]).then(|| SensorSample {
+                    pixel: self.pixel_of(self.through(on_lens, offset)),
+                    pdf: self.pdf_we(&ray),
+                    direction: -ray.direction,
+                    distance,
+                })
+            }
+            Projection::Orthographic => {
+                let axis = self.to_world.vector(Vec3::Z);
+                let depth = (local.z - self.clip[0]) * axis.length();
+                let ray = Ray {
+                    origin: position,
+                    direction: axis.normalize(),
+                    max_distance: depth,
+                };
+                (depth > 0.0 && depth < self.clip[1] - self.clip[0]).then(|| SensorSample {
+                    pixel: self.pixel_of(local.truncate()),
+                    pdf: self.pdf_we(&ray),
+                    direction: -ray.direction,
+                    distance: depth,
+                })
+            }
+        }
+    }
+
+    /// Where a ray that comes from the scene, or `from_infinity`, and is free up to the distance `free` meets the lens; `None` where it
+    /// does not, or there is no lens. What lies before the near plane hides nothing.
+    #[must_use]
+    pub fn hit_lens(&self, ray: &Ray, free: f32, from_infinity: bool) -> Option<SensorSample> {
+        let Projection::Perspective { lens: Some(lens), .. } = self.projection else {
+            return None;
+        };
+        let to_local = self.to_world.inverted();
+        let (origin, direction) = (to_local.point(ray.origin), to_local.vector(ray.direction).normalize());
+        let farthest = if from_infinity { f32::INFINITY } else { self.clip[1] };
+        if direction.z >= 0.0 || origin.z <= self.clip[0] || origin.z >= farthest {
+            return None;
+        }
+        let distance = origin.z / -direction.z;
+        let on_lens = (origin + distance * direction).truncate().extend(0.0);
+        let near = (origin.z - self.clip[0]) / -direction.z;
+        if on_lens.length_squared() >= sqr(lens.radius) || near > free {
+            return None;
+        }
+        let back = Ray {
+            direction: -ray.direction,
+            ..*ray
+        };
+        Some(SensorSample {
+            pixel: self.pixel_of(self.through(on_lens, -direction)),
+            pdf: self.pdf_we(&back),
+            direction: ray.direction,
+            distance,
+        })
+    }
+
+    /// The point of the plane at distance one through which the camera's ray goes that leaves the lens at `on_lens` along `offset`,
+    /// over half the width of the image; in camera coordinates.
+    fn through(&self, on_lens: Vec3, offset: Vec3) -> Vec2 {
+        let Projection::Perspective { fov_x, lens, .. } = self.projection else {
+            return offset.truncate();
+        };
+        let slope = offset.truncate() / offset.z;
+        let through = lens.map_or(slope, |lens| slope + on_lens.truncate() / lens.focus_distance);
+        through / tan(0.5 * fov_x)
+    }
+
+    /// The image position [pixels] of camera coordinates for a half width of one.
+    fn pixel_of(&self, at: Vec2) -> Vec2 {
+        let [width, height] = self.resolution.map(|n| n as f32);
+        let principal_point = match self.projection {
+            Projection::Perspective { principal_point, .. } => principal_point,
+            Projection::Orthographic => Vec2::ZERO,
+        };
+        let at = Vec2::new(0.5 * (1.0 - at.x), 0.5 * (1.0 - at.y * width / height)) - principal_point;
+        at * Vec2::new(width, height)
     }
 
     /// The way from a surface point to the camera; `None` at the camera's own position.
@@ -202,6 +376,78 @@ mod tests {
         assert!((ray.origin - Vec3::from(origin)).length() < 2e-6, "{ray:?}");
         assert!((ray.direction - Vec3::from(direction)).length() < 2e-6, "{ray:?}");
         assert!((ray.max_distance - max_distance).abs() < 2e-4, "{ray:?}");
+    }
+
+    /// Points that a camera ray passes are seen at the pixel of the ray, by the same way, with the density that moving the pixel gives.
+    #[test]
+    fn what_a_ray_shows_is_seen_at_its_pixel() {
+        let unlike = Lens {
+            radius: 0.7,
+            focus_distance: 3.0,
+        };
+        for camera in [
+            sensor(),
+            centred(Some(LENS)),
+            Sensor {
+                projection: perspective(Vec2::new(0.1, -0.07), Some(unlike)),
+                ..sensor()
+            },
+            orthographic([2.5, 1.5, 3.0], [64, 36]),
+        ] {
+            let mut random = PathRandom::new(8, 1, Stream::Camera, 0);
+            for _ in 0..1_000 {
+                let (pixel, u) = (random.next_2d() * Vec2::new(64.0, 36.0), random.next_2d());
+                let ray = camera.ray(pixel, u);
+                let distance = 0.5 + 20.0 * random.next_1d();
+                let point = ray.origin + distance * ray.direction;
+                let seen = camera.sample_we(point, u).expect("the camera sees it");
+                assert!(
+                    (seen.pixel - pixel).length() < 2e-3,
+                    "{camera:?}: {} at {pixel}",
+                    seen.pixel
+                );
+                assert!((seen.direction + ray.direction).length() < 1e-4);
+                assert!((seen.visible_distance() - distance).abs() < 1e-4 * (1.0 + distance));
+                let moved = |offset: Vec2| {
+                    let beside = camera.ray(pixel + offset, u);
+                    let along = (point - beside.origin).dot(ray.direction) / beside.direction.dot(ray.direction);
+                    beside.origin + along * beside.direction
+                };
+                let [x, y] = [Vec2::X, Vec2::Y].map(|axis| moved(0.05 * axis) - moved(-0.05 * axis));
+                let area = x.cross(y).length() / sqr(0.1);
+                assert!(
+                    (area * seen.pdf_area() - 1.0).abs() < 0.01,
+                    "{camera:?}: {area}, {seen:?}"
+                );
+                let back = Ray {
+                    origin: point,
+                    direction: -ray.direction,
+                    max_distance: f32::INFINITY,
+                };
+                match camera.hit_lens(&back, distance * 1.001, false) {
+                    Some(hit) => {
+                        assert!(
+                            (hit.pixel - pixel).length() < 5e-3,
+                            "{camera:?}: {} at {pixel}",
+                            hit.pixel
+                        );
+                        assert!((hit.distance - seen.distance).abs() < 1e-3);
+                        assert!(
+                            camera.hit_lens(&back, 0.9 * distance, false).is_none(),
+                            "something is in the way"
+                        );
+                    }
+                    None => {
+                        let has_lens = matches!(camera.projection, Projection::Perspective { lens: Some(_), .. });
+                        assert!(!has_lens || u.max_element() > 0.999 || u.min_element() < 0.001);
+                    }
+                }
+            }
+        }
+        let behind = sensor().to_world.point(Vec3::new(0.0, 0.0, -3.0));
+        assert!(sensor().sample_we(behind, Vec2::ZERO).is_none());
+        let beyond = sensor().to_world.point(Vec3::new(0.0, 0.0, 81.0));
+        assert!(sensor().sample_we(beyond, Vec2::ZERO).is_none());
     }
 
     /// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Sensor.sample_ray` of the same camera.

@@ -12,7 +12,7 @@ mod tests;
 
 use crate::geometry::{Geometry, Ray, ShapeId, ShapeSampler, SurfacePoint};
 use crate::math::warp::{square_to_cosine_hemisphere, square_to_disk, square_to_sphere};
-use crate::math::{DVec2, Discrete, Frame, PI, Transform, Vec2, Vec3, to_unit_vec2};
+use crate::math::{DVec2, Discrete, FRAC_1_PI, Frame, PI, Transform, Vec2, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, Texture};
 use background::Background;
@@ -38,6 +38,9 @@ pub struct LightSample {
     pub pdf: f32,
     /// Whether no other technique can hit this light (point, spot, directional).
     pub delta: bool,
+    /// Density with which a light path from the same point of the light arrives at the place connected [1/unit^2, by area that
+    /// faces the light], times that of starting there ([`Lights::sample_emission`]) over that of being connected with.
+    pub arrival: f32,
 }
 
 /// The start of a light path.
@@ -47,6 +50,41 @@ pub struct EmissionSample {
     pub ray: Ray,
     /// Flux of the path: emitted radiance times cosine over the density of origin, direction and light choice [W].
     pub flux: Spectrum,
+    /// Where it starts.
+    pub origin: Origin,
+    /// Density of the origin, the choice of light included, where it lies at a finite distance: [1/unit^2] on an area light, 1 of a
+    /// point. Of the ray through the disc that faces it [1/unit^2] where it does not.
+    pub pdf_position: f32,
+    /// Solid-angle density of the direction [1/sr], the choice of light included where it lies at infinity; of a directional light
+    /// that choice alone.
+    pub pdf_direction: f32,
+}
+
+/// Where a light path starts.
+#[derive(Clone, Copy, Debug)]
+pub enum Origin {
+    /// On an area light.
+    Area(LightId, SurfacePoint),
+    /// At a point light or a spot.
+    Point,
+    /// At infinity, in one direction.
+    Directional,
+    /// At infinity, in any direction.
+    Background,
+}
+
+impl Origin {
+    /// Whether paths that are scattered can find it.
+    #[must_use]
+    pub fn is_hit_by_chance(&self) -> bool {
+        matches!(self, Self::Area(..) | Self::Background)
+    }
+
+    /// Whether it lies at infinity.
+    #[must_use]
+    pub fn is_infinite(&self) -> bool {
+        matches!(self, Self::Directional | Self::Background)
+    }
 }
 
 /// A light, as validated data in world space.
@@ -191,42 +229,6 @@ impl Source {
             Self::Background(background) => background.mean_luminance() * 4.0 * PI * world.cross_section(),
         }
     }
-
-    /// Flux of a light path over the probability of choosing the source, and its ray.
-    fn emit(&self, geometry: &Geometry, world: &World, u: DVec2, v: DVec2) -> Option<EmissionSample> {
-        let (ray, flux) = match self {
-            Self::Area { sampler, radiance } => {
-                let point = sampler.sample(geometry, u)?;
-                let direction =
-                    Frame::from_normal(point.geometric_normal).to_world(square_to_cosine_hemisphere(to_unit_vec2(v)));
-                let ray = point.ray_towards(direction.normalize());
-                (ray, radiance.eval(point.uv) * (PI * sampler.area()))
-            }
-            Self::Point { position, intensity } => {
-                let ray = Ray {
-                    origin: *position,
-                    direction: square_to_sphere(to_unit_vec2(v)),
-                    max_distance: f32::INFINITY,
-                };
-                (ray, *intensity * (4.0 * PI))
-            }
-            Self::Spot(spot) => spot.emit(to_unit_vec2(v)),
-            Self::Directional { direction, irradiance } => (
-                world.ray(*direction, to_unit_vec2(u)),
-                *irradiance * world.cross_section(),
-            ),
-            Self::Background(background) => {
-                let towards = background.sample(v)?;
-                let pdf = background.pdf(towards);
-                if pdf <= 0.0 {
-                    return None;
-                }
-                let ray = world.ray(-towards, to_unit_vec2(u));
-                (ray, background.radiance(towards) * (world.cross_section() / pdf))
-            }
-        };
-        Some(EmissionSample { ray, flux })
-    }
 }
 
 impl Lights {
@@ -266,13 +268,15 @@ impl Lights {
             let distance = offset.length();
             (distance > 0.0).then(|| (offset / distance, distance))
         };
-        let delta = |wi, distance, radiance| LightSample {
+        let delta = |wi, distance, radiance, arrival| LightSample {
             wi,
             distance,
             radiance,
             pdf: probability,
             delta: true,
+            arrival,
         };
+        let per_cross_section = 1.0 / self.world.cross_section();
         let sample = match &self.sources[index] {
             Source::Area { sampler, radiance } => {
                 let towards = sampler.sample_towards(geometry, from, u)?;
@@ -287,17 +291,22 @@ impl Lights {
                     radiance,
                     pdf,
                     delta: false,
+                    arrival: FRAC_1_PI * probability / (sampler.area() * pdf),
                 }
             }
             Source::Point { position, intensity } => {
                 let (wi, distance) = towards(*position)?;
-                delta(wi, distance, *intensity / (distance * distance))
+                let spread = 1.0 / (distance * distance);
+                delta(wi, distance, *intensity * spread, 0.25 * FRAC_1_PI * spread)
             }
             Source::Spot(spot) => {
                 let (wi, distance) = towards(spot.position())?;
-                delta(wi, distance, spot.intensity(-wi) / (distance * distance))
+                let spread = 1.0 / (distance * distance);
+                delta(wi, distance, spot.intensity(-wi) * spread, spot.pdf() * spread)
             }
-            Source::Directional { direction, irradiance } => delta(-*direction, f32::INFINITY, *irradiance),
+            Source::Directional { direction, irradiance } => {
+                delta(-*direction, f32::INFINITY, *irradiance, per_cross_section)
+            }
             Source::Background(background) => {
                 let wi = background.sample(u)?;
                 let (radiance, pdf) = (self.background(wi), self.pdf_background(wi));
@@ -307,6 +316,7 @@ impl Lights {
                     radiance,
                     pdf,
                     delta: false,
+                    arrival: per_cross_section,
                 }
             }
         };
@@ -359,11 +369,94 @@ impl Lights {
         u_direction: DVec2,
     ) -> Option<EmissionSample> {
         let (index, _) = self.choice.sample(choice)?;
-        let EmissionSample { ray, flux } = self.sources[index].emit(geometry, &self.world, u_position, u_direction)?;
-        (!flux.is_black()).then(|| EmissionSample {
+        let probability = self.probabilities[index];
+        let (position, direction) = (to_unit_vec2(u_position), to_unit_vec2(u_direction));
+        let cross_section = self.world.cross_section();
+        let at_point = |ray, flux, pdf_direction| EmissionSample {
             ray,
-            flux: flux / self.probabilities[index],
-        })
+            flux: flux / probability,
+            origin: Origin::Point,
+            pdf_position: probability,
+            pdf_direction,
+        };
+        let sample = match &self.sources[index] {
+            Source::Area { sampler, radiance } => {
+                let point = sampler.sample(geometry, u_position)?;
+                let local = square_to_cosine_hemisphere(direction);
+                let direction = Frame::from_normal(point.geometric_normal).to_world(local).normalize();
+                EmissionSample {
+                    ray: point.ray_towards(direction),
+                    flux: radiance.eval(point.uv) * (PI * sampler.area()) / probability,
+                    origin: Origin::Area(LightId(index as u32), point),
+                    pdf_position: probability / sampler.area(),
+                    pdf_direction: FRAC_1_PI * point.geometric_normal.dot(direction).max(0.0),
+                }
+            }
+            Source::Point { position, intensity } => {
+                let ray = Ray {
+                    origin: *position,
+                    direction: square_to_sphere(direction),
+                    max_distance: f32::INFINITY,
+                };
+                at_point(ray, *intensity * (4.0 * PI), 0.25 * FRAC_1_PI)
+            }
+            Source::Spot(spot) => {
+                let (ray, flux) = spot.emit(direction);
+                at_point(ray, flux, spot.pdf())
+            }
+            Source::Directional { direction, irradiance } => EmissionSample {
+                ray: self.world.ray(*direction, position),
+                flux: *irradiance * cross_section / probability,
+                origin: Origin::Directional,
+                pdf_position: 1.0 / cross_section,
+                pdf_direction: probability,
+            },
+            Source::Background(background) => {
+                let towards = background.sample(u_direction)?;
+                let pdf = self.pdf_background(towards);
+                if pdf <= 0.0 {
+                    return None;
+                }
+                EmissionSample {
+                    ray: self.world.ray(-towards, position),
+                    flux: self.background(towards) * (cross_section / pdf),
+                    origin: Origin::Background,
+                    pdf_position: 1.0 / cross_section,
+                    pdf_direction: pdf,
+                }
+            }
+        };
+        (!sample.flux.is_black()).then_some(sample)
+    }
+
+    /// Density with which [`Self::sample_direct`] at `from` returns the start of a light path, over that with which the path starts
+    /// there.
+    #[must_use]
+    pub fn connection_over_emission(&self, geometry: &Geometry, start: &EmissionSample, from: Vec3) -> f32 {
+        match &start.origin {
+            Origin::Area(light, point) => {
+                let offset = from - point.position;
+                let distance2 = offset.length_squared();
+                let facing = point.geometric_normal.dot(offset).max(0.0) / distance2.sqrt();
+                self.pdf_area(geometry, *light, from, point) * facing / (distance2 * start.pdf_position)
+            }
+            Origin::Point | Origin::Directional | Origin::Background => 1.0,
+        }
+    }
+
+    /// Density with which [`Self::sample_emission`] starts at a point of the area light `light` [1/unit^2], the choice of light included.
+    #[must_use]
+    pub fn pdf_emission_position(&self, light: LightId) -> f32 {
+        match &self.sources[light.0 as usize] {
+            Source::Area { sampler, .. } => self.probabilities[light.0 as usize] / sampler.area(),
+            _ => 0.0,
+        }
+    }
+
+    /// Density of the rays of light paths from infinity over the disc that faces them [1/unit^2].
+    #[must_use]
+    pub fn pdf_through_scene(&self) -> f32 {
+        1.0 / self.world.cross_section()
     }
 
     /// The lights that fill directions at infinity, each with its probability.

@@ -27,6 +27,11 @@ impl Spot {
         }
     }
 
+    /// Solid-angle density of the directions of light paths [1/sr].
+    pub(super) fn pdf(&self) -> f32 {
+        self.cone.pdf()
+    }
+
     pub(super) fn position(&self) -> Vec3 {
         self.position
     }

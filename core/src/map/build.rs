@@ -3,7 +3,7 @@
 use super::blocks::{Block, Blocks, block_of, cell_in_block, hash_block};
 use super::direction::{row_shift, sort_key};
 use super::scan::Spot;
-use super::{CELL_OVER_RADIUS, LANES, MAX_RECORDS, Reach, Record, RecordMap, cell};
+use super::{CELL_OVER_RADIUS, LANES, MAX_RECORDS, Payload, Reach, Record, RecordMap, cell};
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
 
@@ -12,15 +12,15 @@ const PART_BITS: u32 = 8;
 const PARTS: usize = 1 << PART_BITS;
 
 /// The records of one chunk of light paths, by part.
-struct Split {
+struct Split<P> {
     /// In order within a part.
-    records: Vec<Record>,
+    records: Vec<Record<P>>,
     /// `starts[p]..starts[p + 1]` are the records of part `p`.
     starts: Vec<u32>,
 }
 
-impl Split {
-    fn part(&self, part: usize) -> &[Record] {
+impl<P> Split<P> {
+    fn part(&self, part: usize) -> &[Record<P>] {
         &self.records[self.starts[part] as usize..self.starts[part + 1] as usize]
     }
 }
@@ -33,7 +33,7 @@ struct Layout {
     row_shift: Option<u32>,
 }
 
-impl RecordMap {
+impl<P: Payload> RecordMap<P> {
     /// Builds the map for queries that reach as far as `reach`. `chunks` are records in the order of light paths. `normals`: whether
     /// their normals will be asked for.
     ///
@@ -43,7 +43,7 @@ impl RecordMap {
     /// # Panics
     /// If there are more than [`MAX_RECORDS`] records.
     #[must_use]
-    pub fn build(chunks: Vec<Vec<Record>>, reach: &Reach, normals: bool) -> Self {
+    pub fn build(chunks: Vec<Vec<Record<P>>>, reach: &Reach, normals: bool) -> Self {
         let total: usize = chunks.iter().map(Vec::len).sum();
         assert!(
             total <= MAX_RECORDS,
@@ -56,16 +56,18 @@ impl RecordMap {
             row_shift: (!reach.is_omnidirectional()).then_some(shift),
         };
         // Every chunk goes as soon as it is split.
-        let splits: Vec<Split> = chunks.into_par_iter().map(|chunk| layout.split(&chunk)).collect();
+        let splits: Vec<Split<P>> = chunks.into_par_iter().map(|chunk| layout.split(&chunk)).collect();
         let mut spots = vec![Spot::default(); total + LANES];
         let mut weights = vec![Spectrum::ZERO; total];
         let mut coarse_normals = vec![0; if normals { total } else { 0 }];
         let mut edges = vec![0; total];
+        let mut payloads = vec![P::default(); total];
         let arrays = Arrays {
             spots: &mut spots,
             weights: &mut weights,
             normals: &mut coarse_normals,
             edges: &mut edges,
+            payloads: &mut payloads,
         };
         let directories: Vec<Directory> = tasks(arrays, &splits)
             .into_par_iter()
@@ -81,12 +83,13 @@ impl RecordMap {
             weights,
             normals: coarse_normals,
             edges,
+            payloads,
         }
     }
 }
 
 /// Cuts the arrays into parts.
-fn tasks<'a>(arrays: Arrays<'a>, splits: &[Split]) -> Vec<PartTask<'a>> {
+fn tasks<'a, P>(arrays: Arrays<'a, P>, splits: &[Split<P>]) -> Vec<PartTask<'a, P>> {
     let (mut rest, mut first) = (arrays, 0);
     let mut tasks = Vec::with_capacity(PARTS);
     for part in 0..PARTS {
@@ -119,9 +122,9 @@ fn join(directories: &[Directory], total: usize) -> Blocks {
 
 impl Layout {
     /// Orders a chunk by part.
-    fn split(&self, chunk: &[Record]) -> Split {
-        let block = |record: &Record| block_of(cell(record.position, self.cells_per_unit));
-        let part = |record: &Record| hash_block(block(record)) >> (u64::BITS - PART_BITS);
+    fn split<P: Payload>(&self, chunk: &[Record<P>]) -> Split<P> {
+        let block = |record: &Record<P>| block_of(cell(record.position, self.cells_per_unit));
+        let part = |record: &Record<P>| hash_block(block(record)) >> (u64::BITS - PART_BITS);
         let parts: Vec<u8> = chunk.iter().map(|record| part(record) as u8).collect();
         let mut starts = vec![0_u32; PARTS + 1];
         for &part in &parts {
@@ -141,7 +144,7 @@ impl Layout {
         Split { records, starts }
     }
 
-    fn key(&self, record: &Record) -> Key {
+    fn key<P>(&self, record: &Record<P>) -> Key {
         let cell = cell(record.position, self.cells_per_unit);
         let direction = self.row_shift.map_or(0, |shift| sort_key(record.direction, shift));
         Key::new(block_of(cell), cell_in_block(cell), direction)
@@ -167,41 +170,49 @@ impl Key {
 }
 
 /// The parts of records, each in an array.
-struct Arrays<'a> {
+struct Arrays<'a, P> {
     spots: &'a mut [Spot],
     weights: &'a mut [Spectrum],
     normals: &'a mut [u16],
     edges: &'a mut [u8],
+    payloads: &'a mut [P],
 }
 
-impl<'a> Arrays<'a> {
+impl<'a, P> Arrays<'a, P> {
     fn split_at(self, size: usize) -> (Self, Self) {
         let (spots, spots_after) = self.spots.split_at_mut(size);
         let (weights, weights_after) = self.weights.split_at_mut(size);
         let (normals, normals_after) = self.normals.split_at_mut(size.min(self.normals.len()));
         let (edges, edges_after) = self.edges.split_at_mut(size);
+        let (payloads, payloads_after) = self.payloads.split_at_mut(size);
         let before = Self {
             spots,
             weights,
             normals,
             edges,
+            payloads,
         };
         let after = Self {
             spots: spots_after,
             weights: weights_after,
             normals: normals_after,
             edges: edges_after,
+            payloads: payloads_after,
         };
         (before, after)
     }
 
-    fn set(&mut self, index: usize, record: &Record) {
+    fn set(&mut self, index: usize, record: &Record<P>)
+    where
+        P: Payload,
+    {
         self.spots[index] = Spot::new(record.position, record.direction);
         self.weights[index] = record.weight;
         if let Some(normal) = self.normals.get_mut(index) {
             *normal = record.normal;
         }
         self.edges[index] = record.edges;
+        self.payloads[index] = record.payload;
     }
 }
 
@@ -215,16 +226,16 @@ struct Directory {
 }
 
 /// One part of the map, to be filled.
-struct PartTask<'a> {
+struct PartTask<'a, P> {
     part: usize,
     /// Records in the parts before.
     first: u32,
-    arrays: Arrays<'a>,
+    arrays: Arrays<'a, P>,
 }
 
-impl PartTask<'_> {
-    fn fill(mut self, layout: &Layout, splits: &[Split]) -> Directory {
-        let mut sorted: Vec<(Key, &Record)> = Vec::with_capacity(self.arrays.weights.len());
+impl<P: Payload> PartTask<'_, P> {
+    fn fill(mut self, layout: &Layout, splits: &[Split<P>]) -> Directory {
+        let mut sorted: Vec<(Key, &Record<P>)> = Vec::with_capacity(self.arrays.weights.len());
         let records = splits.iter().flat_map(|split| split.part(self.part));
         sorted.extend(records.map(|record| (layout.key(record), record)));
         sorted.sort_by_key(|(key, _)| *key);

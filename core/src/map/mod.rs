@@ -24,9 +24,13 @@ use direction::encode_coarse;
 use scan::{Spot, Test};
 use std::ops::Range;
 
+/// What a user of the map keeps with each record, besides what all of them need; nothing by default.
+pub trait Payload: Copy + Default + Send + Sync {}
+impl<P: Copy + Default + Send + Sync> Payload for P {}
+
 /// A photon or a cone, as light paths produce it.
 #[derive(Clone, Copy, Debug)]
-pub struct Record {
+pub struct Record<P = ()> {
     /// Where [scene units].
     pub position: Vec3,
     /// Flux [W] of a photon; flux times BSDF over density [W/sr] of a cone.
@@ -34,6 +38,7 @@ pub struct Record {
     direction: u32,
     normal: u16,
     edges: u8,
+    payload: P,
 }
 
 impl Record {
@@ -48,9 +53,25 @@ impl Record {
             direction: encode_direction(direction),
             normal: encode_coarse(normal),
             edges: count_edges(edges),
+            payload: (),
         }
     }
 
+    /// The same record with a payload.
+    #[must_use]
+    pub fn with<P: Payload>(self, payload: P) -> Record<P> {
+        Record {
+            position: self.position,
+            weight: self.weight,
+            direction: self.direction,
+            normal: self.normal,
+            edges: self.edges,
+            payload,
+        }
+    }
+}
+
+impl<P> Record<P> {
     /// Unit direction, to about 7e-5 radians: what queries see.
     #[must_use]
     pub fn direction(&self) -> Vec3 {
@@ -132,7 +153,7 @@ const LEAST_RADIUS: f32 = 1.0 / (1 << 19) as f32;
 
 /// Records sorted by cell and direction.
 #[derive(Debug)]
-pub struct RecordMap {
+pub struct RecordMap<P = ()> {
     reach: Reach,
     cell_size: f32,
     cells_per_unit: f32,
@@ -145,6 +166,7 @@ pub struct RecordMap {
     /// Empty where nobody asks for normals.
     normals: Vec<u16>,
     edges: Vec<u8>,
+    payloads: Vec<P>,
 }
 
 /// Most records a map holds: indices are 32 bits wide.
@@ -158,12 +180,12 @@ const CELL_OVER_RADIUS: f32 = 1.0;
 
 /// A record within a query's reach.
 #[derive(Clone, Copy, Debug)]
-pub struct Neighbour<'a> {
-    map: &'a RecordMap,
+pub struct Neighbour<'a, P = ()> {
+    map: &'a RecordMap<P>,
     index: usize,
 }
 
-impl Neighbour<'_> {
+impl<P: Payload> Neighbour<'_, P> {
     /// Unit direction, to about 7e-5 radians.
     #[must_use]
     #[inline]
@@ -184,9 +206,16 @@ impl Neighbour<'_> {
     pub fn edges(&self) -> u8 {
         self.map.edges[self.index]
     }
+
+    /// What its user keeps with the record.
+    #[must_use]
+    #[inline]
+    pub fn payload(&self) -> P {
+        self.map.payloads[self.index]
+    }
 }
 
-impl RecordMap {
+impl<P: Payload> RecordMap<P> {
     /// Number of records.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -207,12 +236,13 @@ impl RecordMap {
             + size_of_val(&*self.weights)
             + size_of_val(&*self.normals)
             + size_of_val(&*self.edges)
+            + size_of_val(&*self.payloads)
     }
 
     /// Calls `visit` for each record within the radius of `reach` of `center`, whatever its direction, in an order that depends on the
     /// records found alone. The map must have been built for every direction and for that radius at least. Returns how many records
     /// were read.
-    pub fn query<'a>(&'a self, center: Vec3, reach: &Reach, mut visit: impl FnMut(Neighbour<'a>)) -> u64 {
+    pub fn query<'a>(&'a self, center: Vec3, reach: &Reach, mut visit: impl FnMut(Neighbour<'a, P>)) -> u64 {
         let mut read = 0;
         let test = Test::new(center, Vec3::Z, reach, 0);
         self.cells_around(center, reach.radius, |records| {

@@ -66,7 +66,7 @@ impl<'r> Test<'r> {
     /// Calls `visit` with the index of each record of `run` that is in reach, in their order.
     ///
     /// Records are first tested without a branch, since whether one counts is hard to predict, and then visited.
-    pub(super) fn scan(&self, map: &RecordMap, run: Range<usize>, visit: &mut impl FnMut(usize)) {
+    pub(super) fn scan<P>(&self, map: &RecordMap<P>, run: Range<usize>, visit: &mut impl FnMut(usize)) {
         let radius2 = f32x4::splat(self.reach.radius * self.reach.radius);
         let chord2 = f32x4::splat(self.reach.chord2);
         let everywhere = map.reach.is_omnidirectional();

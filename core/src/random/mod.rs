@@ -23,6 +23,8 @@ pub enum Stream {
     Cone = 4,
     /// Points of the discs about queries.
     Disc = 5,
+    /// Points of the lens, and pixels, that light paths are connected with.
+    Lens = 6,
 }
 
 /// How the random numbers of paths relate to each other.
