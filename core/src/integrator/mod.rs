@@ -4,13 +4,17 @@
 //! all integrators.
 
 mod bandwidth;
+mod bdpt;
+mod bidirectional;
 mod camera_path;
 mod description;
+mod light;
 mod light_path;
 mod path;
 pub mod pcf;
 mod pppm;
 mod sppm;
+mod vcm;
 mod vertex;
 
 pub use bandwidth::{Bandwidth, bandwidth};
@@ -32,8 +36,11 @@ use thiserror::Error;
 use vertex::Tracer;
 
 /// All integrators.
-pub const INTEGRATORS: [&Integrator; 4] = [
+pub const INTEGRATORS: [&Integrator; 7] = [
     &path::settings::INTEGRATOR,
+    &light::settings::INTEGRATOR,
+    &bdpt::settings::INTEGRATOR,
+    &vcm::settings::INTEGRATOR,
     &pppm::settings::INTEGRATOR,
     &sppm::settings::INTEGRATOR,
     &pcf::settings::INTEGRATOR,
@@ -41,10 +48,13 @@ pub const INTEGRATORS: [&Integrator; 4] = [
 
 /// The types of their settings, which [`crate::settings`] shows.
 pub(crate) mod types {
+    pub use super::bdpt::settings::*;
+    pub use super::light::settings::*;
     pub use super::path::settings::*;
     pub use super::pcf::settings::*;
     pub use super::pppm::settings::*;
     pub use super::sppm::settings::*;
+    pub use super::vcm::settings::*;
 }
 
 /// An integrator with its settings. In JSON, `type` is its name.
@@ -53,6 +63,12 @@ pub(crate) mod types {
 pub enum IntegratorSettings {
     /// Path tracing with next-event estimation.
     Path(types::PathSettings),
+    /// Light tracing.
+    Light(types::LightSettings),
+    /// Bidirectional path tracing (Veach 1997).
+    Bdpt(types::BdptSettings),
+    /// Vertex connection and merging (Georgiev et al. 2012).
+    Vcm(types::VcmSettings),
     /// Probabilistic progressive photon mapping (Knaus and Zwicker 2011).
     Pppm(types::PppmSettings),
     /// Stochastic progressive photon mapping (Hachisuka and Jensen 2009): sequential.
@@ -65,6 +81,9 @@ impl IntegratorSettings {
     fn estimator(&self) -> &dyn Estimator {
         match self {
             Self::Path(settings) => settings,
+            Self::Light(settings) => settings,
+            Self::Bdpt(settings) => settings,
+            Self::Vcm(settings) => settings,
             Self::Pppm(settings) => settings,
             Self::Sppm(settings) => settings,
             Self::Pcf(settings) => settings,
@@ -300,6 +319,8 @@ struct Sample<'a, 't> {
     counts: &'t mut Counts,
     /// Index of its pixel, row by row from the top left.
     pixel: usize,
+    /// Its number among the camera paths of the pixel, from 0.
+    index: u32,
 }
 
 /// Sums `samples` estimates for each pixel of the range `pixels` on the current rayon pool; `estimate` may put further things
@@ -330,8 +351,8 @@ fn trace_pixels<'a, T: Send>(
                 let sequence = job
                     .sampling
                     .sequence(job.seed, job.iteration, Stream::Camera, pixel as u64, samples);
-                for sample in 0..samples {
-                    let mut random = sequence.path(sample);
+                for index in 0..samples {
+                    let mut random = sequence.path(index);
                     let ray = sensor.ray(centre + film.filter.sample(random.next_2d()), random.next_2d());
                     let sample = Sample {
                         tracer: &mut tracer,
@@ -339,6 +360,7 @@ fn trace_pixels<'a, T: Send>(
                         random: &mut random,
                         counts: &mut counts,
                         pixel,
+                        index,
                     };
                     *sum += estimate(sample, &mut list);
                 }

@@ -56,6 +56,17 @@ impl Vertex {
         self.bsdf.pdf(self.wo_local, self.point.frame.to_local(wi))
     }
 
+    /// Solid-angle density [1/sr] of sampling the direction back along the path, for a path that comes along `wi`.
+    pub(super) fn pdf_rev(&self, wi: Vec3) -> f32 {
+        self.bsdf.pdf(self.point.frame.to_local(wi), self.wo_local)
+    }
+
+    /// The density with which the way back of a direction sampled here would have been sampled [1/sr]; where a delta function chose
+    /// it, in units of the density of the way ([`Bsdf::pdf_rev`]).
+    pub(super) fn pdf_rev_of(&self, scattered: &Scattered) -> f32 {
+        self.bsdf.pdf_rev(self.wo_local, &scattered.bsdf)
+    }
+
     /// Samples a direction; three dimensions.
     pub(super) fn sample(&self, random: &mut PathRandom) -> Option<Scattered> {
         let lobe = random.next_1d();

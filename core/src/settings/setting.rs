@@ -41,7 +41,12 @@ pub enum Kind {
     /// One of some words.
     Choice(&'static [&'static str]),
     /// A list of one or more of some words, each once.
-    Choices(&'static [&'static str]),
+    Choices {
+        /// The words.
+        words: &'static [&'static str],
+        /// Words of which the list must have one; none where this is empty.
+        needed: &'static [&'static str],
+    },
     /// A list of numbers, which may be empty.
     Numbers {
         /// What each may be.
@@ -161,14 +166,15 @@ impl Kind {
             (Self::Number(range), value) => is_within(range, value),
             (Self::Truth, value) => value.is_boolean(),
             (Self::Choice(words), value) => is_one_of(words, value),
-            (Self::Choices(words), Value::Array(items)) => {
+            (Self::Choices { words, needed }, Value::Array(items)) => {
                 let distinct = items.iter().enumerate().all(|(i, item)| !items[..i].contains(item));
-                !items.is_empty() && distinct && items.iter().all(|item| is_one_of(words, item))
+                let enough = needed.is_empty() || items.iter().any(|item| is_one_of(needed, item));
+                !items.is_empty() && distinct && enough && items.iter().all(|item| is_one_of(words, item))
             }
             (Self::Numbers { range, most }, Value::Array(items)) => {
                 items.len() <= *most && items.iter().all(|item| is_within(range, item))
             }
-            (Self::Choices(_) | Self::Numbers { .. }, _) => false,
+            (Self::Choices { .. } | Self::Numbers { .. }, _) => false,
         }
     }
 
@@ -184,7 +190,7 @@ impl Kind {
             Self::Number(_) => number(text),
             Self::Truth => text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from),
             Self::Choice(_) => Value::from(text),
-            Self::Choices(_) => items().map(Value::from).collect(),
+            Self::Choices { .. } => items().map(Value::from).collect(),
             Self::Numbers { .. } => items().map(number).collect(),
         }
     }
@@ -196,7 +202,13 @@ impl Kind {
             Self::Number(range) => format!("a number {}", between(range)),
             Self::Truth => "true or false".to_owned(),
             Self::Choice(words) => words.join(" or "),
-            Self::Choices(words) => format!("a list of one or more of {}, each once", words.join(", ")),
+            Self::Choices { words, needed } => {
+                let among = match needed {
+                    [] => String::new(),
+                    _ => format!(", with {} among them", needed.join(" or ")),
+                };
+                format!("a list of one or more of {}, each once{among}", words.join(", "))
+            }
             Self::Numbers { range, most } => format!("a list of up to {most} numbers {}", between(range)),
         }
     }
@@ -208,7 +220,7 @@ impl Kind {
             Self::Number(range) => number_schema(range),
             Self::Truth => json!({"type": "boolean"}),
             Self::Choice(words) => json!({"type": "string", "enum": words}),
-            Self::Choices(words) => json!({"type": "array", "items": {"type": "string", "enum": words},
+            Self::Choices { words, .. } => json!({"type": "array", "items": {"type": "string", "enum": words},
                 "minItems": 1, "uniqueItems": true}),
             Self::Numbers { range, most } => json!({"type": "array", "items": number_schema(range), "maxItems": most}),
         }

@@ -70,7 +70,7 @@ fn a_request_survives_its_json_and_says_what_it_allows() {
     for (bad, said) in [
         (r#"{"type": "pcf", "photon": 1}"#, "photon"),
         (r#"{"type": "pcf", "alpha": 0.1, "alpha": 0.2}"#, "duplicate"),
-        (r#"{"type": "bdpt"}"#, "bdpt"),
+        (r#"{"type": "erpt"}"#, "erpt"),
         (r#"{"alpha": 0.1}"#, "type"),
         (r#"["pcf"]"#, "sequence"),
     ] {
@@ -113,14 +113,22 @@ fn ends(kind: &Kind) -> (Vec<Value>, Vec<Value>) {
             words.iter().map(|word| json!(word)).collect(),
             vec![json!("other"), json!(0)],
         ),
-        Kind::Choices(words) => (
-            words.iter().map(|word| json!([word])).chain([json!(words)]).collect(),
-            vec![
-                json!([]),
-                json!(["other"]),
-                json!([words[0], words[0]]),
-                json!(words[0]),
-            ],
+        Kind::Choices { words, needed } => (
+            match needed {
+                [] => words.iter().map(|word| json!([word])).chain([json!(words)]).collect(),
+                _ => needed.iter().map(|word| json!([word])).chain([json!(words)]).collect(),
+            },
+            {
+                let unneeded = words.iter().filter(|word| !needed.is_empty() && !needed.contains(word));
+                let alone = unneeded.map(|word| json!([word]));
+                let others = [
+                    json!([]),
+                    json!(["other"]),
+                    json!([words[0], words[0]]),
+                    json!(words[0]),
+                ];
+                alone.chain(others).collect()
+            },
         ),
         Kind::Numbers { range, most } => {
             let (valid, invalid) = numbers(range);
@@ -270,8 +278,11 @@ fn errors_say_what_is_expected() {
 fn the_reference_has_every_setting_once_with_its_defaults() {
     let entries = reference();
     let entry = |name: &str| entries.iter().find(|entry| entry.setting.name == name).unwrap();
-    assert_eq!(entry("samples").default(), "4 (path, pcf), 1 (pppm, sppm)");
-    assert_eq!(entry("sigma1").integrators(), "pppm, sppm, pcf");
+    assert_eq!(
+        entry("samples").default(),
+        "4 (path, pcf), 1 (light, bdpt, vcm, pppm, sppm)"
+    );
+    assert_eq!(entry("sigma1").integrators(), "vcm, pppm, sppm, pcf");
     assert_eq!(entry("max_depth").default(), "none");
     assert_eq!(entry("samplers").default(), "bsdf,camera");
     assert_eq!(entry("sigma_by_length").default(), "empty");

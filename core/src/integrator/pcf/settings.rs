@@ -67,7 +67,10 @@ const LOOKUP_VERTEX: Setting = Setting {
 
 const SAMPLERS: Setting = Setting {
     name: "samplers",
-    kind: Kind::Choices(&["bsdf", "camera", "importon"]),
+    kind: Kind::Choices {
+        words: &["bsdf", "camera", "importon"],
+        needed: &[],
+    },
     instead: None,
     unit: "",
     help: "Techniques that choose a cone's direction: the material, a lobe about the direction to the camera, and the \

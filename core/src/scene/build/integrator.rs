@@ -9,13 +9,12 @@ use crate::settings::{IntegratorSettings, Setting, SettingError};
 use serde_json::{Map, Value as Json};
 
 /// Integrators of Mitsuba of which only `max_depth` is read.
-const OTHERS: [&str; 17] = [
+const OTHERS: [&str; 16] = [
     "direct",
     "ptracer",
     "volpath",
     "volpathmis",
     "volpath_simple",
-    "bdpt",
     "ppm",
     "photonmapper",
     "pssmlt",

@@ -1,0 +1,226 @@
+//! Camera subpaths: what they find, and what they are connected and merged with.
+
+use super::light::{LightPaths, LightVertex, MergePayload};
+use super::partial::Partial;
+use super::{Estimator, Spectrum};
+use crate::geometry::{Ray, SurfacePoint};
+use crate::integrator::Sample;
+use crate::integrator::camera_path::{ROULETTE_EDGES, ROULETTE_SURVIVAL};
+use crate::integrator::vertex::{Tracer, Vertex};
+use crate::map::{Reach, RecordMap, count_edges};
+use crate::material::TransportMode;
+use crate::math::{DVec2, FRAC_1_PI, PI, sqr};
+
+/// The end of a camera subpath.
+struct End {
+    vertex: Vertex,
+    partial: Partial,
+    /// From the camera.
+    edges: u32,
+}
+
+impl<'a> Estimator<'a> {
+    /// Estimates the radiance along a camera ray.
+    pub(super) fn radiance(
+        &self,
+        sample: Sample<'a, '_>,
+        light: &LightPaths,
+        map: Option<&RecordMap<MergePayload>>,
+    ) -> Spectrum {
+        let Sample {
+            tracer,
+            mut ray,
+            random,
+            counts,
+            pixel,
+            index,
+        } = sample;
+        let sensor = tracer.scene.sensor.pdf_we(&ray);
+        let camera_path = pixel as u64 * u64::from(self.plan.samples) + u64::from(index);
+        let light_path = (camera_path % u64::from(self.plan.light_paths)) as u32;
+        let mut partial = Partial {
+            edge: 1.0 / sensor.pdf,
+            // A light path that hits the lens.
+            before: sensor.pdf_lens.map_or(0.0, |pdf_lens| {
+                self.camera_edges.first * sensor.cos / (pdf_lens * sensor.pdf)
+            }),
+        };
+        let (mut total, mut beta, mut eta) = (Spectrum::ZERO, Spectrum::ONE, 1.0);
+        for edges in 1..=self.plan.max_edges {
+            let hit = tracer.intersect(&ray);
+            if self.uses(0, edges + 1) {
+                total += beta * self.emission(tracer, &ray, hit.as_ref(), partial, edges);
+            }
+            let Some(point) = hit else { break };
+            if edges == self.plan.max_edges {
+                break;
+            }
+            let vertex = Vertex::new(tracer.scene, point, -ray.direction, TransportMode::Radiance);
+            let distance2 = match edges {
+                1 if sensor.parallel => 1.0,
+                1 => sqr(point.distance + sensor.clipped),
+                _ => sqr(point.distance),
+            };
+            partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
+            let end = End { vertex, partial, edges };
+            if !end.vertex.is_delta() {
+                if self.plan.techniques.next_event {
+                    // Drawn also where only other techniques are shown, so that these find what they find beside it.
+                    let (choice, u) = (random.next_choice(), random.next_choice_2d());
+                    if self.uses(1, edges + 1) {
+                        total += beta * self.next_event(tracer, &end, choice, u);
+                    }
+                }
+                for other in light.vertices(light_path) {
+                    if edges + 1 + other.edges <= self.plan.max_edges && self.uses(other.edges + 1, edges + 1) {
+                        total += beta * self.connect(tracer, &end, other);
+                    }
+                }
+                if let (Some(map), Some(reach)) = (map, &self.reach) {
+                    let (sum, read, counted) = self.merge(&end, map, reach);
+                    total += beta * sum;
+                    counts.records_read += read;
+                    counts.records_counted += counted;
+                }
+            }
+            let Some(scattered) = end.vertex.sample(random) else {
+                break;
+            };
+            beta *= scattered.weight();
+            eta *= scattered.bsdf.eta;
+            if edges >= ROULETTE_EDGES {
+                let survival = (beta.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
+                if random.next_choice() >= f64::from(survival) {
+                    break;
+                }
+                beta *= 1.0 / survival;
+            }
+            partial = self.partial_after(&end.vertex, partial, self.camera_edges.of(edges), &scattered);
+            ray = point.ray_towards(scattered.wi);
+        }
+        total
+    }
+
+    /// Light emitted towards the ray's origin by what the ray found (`s = 0`), with its share.
+    fn emission(
+        &self,
+        tracer: &Tracer,
+        ray: &Ray,
+        hit: Option<&SurfacePoint>,
+        partial: Partial,
+        edges: u32,
+    ) -> Spectrum {
+        let (scene, lights) = (tracer.scene, &tracer.scene.lights);
+        let (radiance, connected, emitted) = match hit {
+            None => {
+                let pdf = lights.pdf_background(ray.direction);
+                (lights.background(ray.direction), pdf, pdf * lights.pdf_through_scene())
+            }
+            Some(point) => {
+                let Some(light) = scene.light_at(point) else {
+                    return Spectrum::ZERO;
+                };
+                // The density of the direction is its cosine over pi; the cosine turns what the path kept into terms of area.
+                (
+                    lights.emitted(light, point, -ray.direction),
+                    lights.pdf_area(&scene.geometry, light, ray.origin, point),
+                    lights.pdf_emission_position(light) * FRAC_1_PI,
+                )
+            }
+        };
+        if radiance.is_black() {
+            return radiance;
+        }
+        // Nothing connects a light with the lens directly.
+        let connections = if edges == 1 { 0.0 } else { self.light_edges.first };
+        let others = connections * connected * partial.edge + emitted * partial.before;
+        radiance * self.share(others)
+    }
+
+    /// Direct light at the end of a camera path by a connection with a point of a light (`s = 1`).
+    fn next_event(&self, tracer: &mut Tracer, end: &End, choice: f64, u: DVec2) -> Spectrum {
+        let (scene, vertex) = (tracer.scene, &end.vertex);
+        let Some(light) = scene
+            .lights
+            .sample_direct(&scene.geometry, vertex.point.position, choice, u)
+        else {
+            return Spectrum::ZERO;
+        };
+        let f = vertex.eval(light.wi);
+        if f.is_black() || tracer.occluded(&vertex.point.shadow_ray(light.wi, light.distance)) {
+            return Spectrum::ZERO;
+        }
+        let found = match light.delta {
+            false if self.plan.techniques.hit => vertex.pdf(light.wi) / light.pdf,
+            _ => 0.0,
+        };
+        let more_light = end.partial.over_connection(
+            light.arrival * vertex.cos_geometric(light.wi),
+            vertex.pdf_rev(light.wi),
+            self.camera_edges.of(end.edges),
+            self.merges,
+        );
+        let share = self.share(found + more_light);
+        f * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf)
+    }
+
+    /// Connects the ends of a camera path and of a light path.
+    fn connect(&self, tracer: &mut Tracer, end: &End, other: &LightVertex) -> Spectrum {
+        let (camera, light) = (&end.vertex, &other.vertex);
+        let offset = light.point.position - camera.point.position;
+        let distance2 = offset.length_squared();
+        let distance = distance2.sqrt();
+        let wi = offset / distance;
+        let f = camera.eval(wi) * light.eval(-wi);
+        if f.is_black() || distance2 == 0.0 {
+            return Spectrum::ZERO;
+        }
+        let per_area = 1.0 / distance2;
+        let light_cos = light.cos_geometric(wi);
+        let more_camera = other.partial.over_connection(
+            camera.pdf(wi) * light_cos * per_area,
+            light.pdf_rev(-wi),
+            self.light_edges.of(other.edges),
+            self.merges,
+        );
+        let more_light = end.partial.over_connection(
+            light.pdf(-wi) * camera.cos_geometric(wi) * per_area,
+            camera.pdf_rev(wi),
+            self.camera_edges.of(end.edges),
+            self.merges,
+        );
+        let share = self.share(more_camera + more_light);
+        let value = f * other.flux * (camera.cos_shading(wi) * light_cos * per_area * share);
+        if value.is_black() || tracer.occluded(&camera.point.shadow_ray(wi, distance)) {
+            return Spectrum::ZERO;
+        }
+        value
+    }
+
+    /// Merges the end of a camera path with all light paths that end near it; also how many records were read and counted.
+    fn merge(&self, end: &End, map: &RecordMap<MergePayload>, reach: &Reach) -> (Spectrum, u64, u64) {
+        let vertex = &end.vertex;
+        let reach = reach.at(vertex.point.position);
+        let limit = count_edges(self.plan.max_edges - end.edges);
+        let camera_edge = self.camera_edges.of(end.edges);
+        let (mut sum, mut counted) = (Spectrum::ZERO, 0);
+        let read = map.query(vertex.point.position, &reach, |photon| {
+            if photon.edges() > limit {
+                return;
+            }
+            let wi = photon.direction();
+            let f = vertex.eval(wi);
+            if f.is_black() {
+                return;
+            }
+            counted += 1;
+            let MergePayload { edge, before } = photon.payload();
+            let light = Partial { edge, before };
+            let others = light.over_merge(vertex.pdf(wi), 1.0, self.merges)
+                + end.partial.over_merge(vertex.pdf_rev(wi), camera_edge, self.merges);
+            sum += f * photon.weight() * self.share(others);
+        });
+        let paths = self.plan.light_paths as f32;
+        (sum * (1.0 / (paths * PI * sqr(reach.radius()))), read, counted)
+    }
+}
