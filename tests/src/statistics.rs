@@ -1,5 +1,7 @@
 //! Means with their standard errors, and z-tests with a stated false-alarm rate.
 
+use std::ops::Range;
+
 /// Running mean and variance of vectors of equal length (Welford 1962).
 #[derive(Clone, Debug, Default)]
 pub struct Moments {
@@ -34,6 +36,16 @@ impl Moments {
         moments.push(values);
         moments.push(values);
         moments
+    }
+
+    /// Some of the components.
+    #[must_use]
+    pub fn components(&self, range: Range<usize>) -> Self {
+        Self {
+            count: self.count,
+            mean: self.mean[range.clone()].to_vec(),
+            sum_of_squares: self.sum_of_squares[range].to_vec(),
+        }
     }
 
     /// The mean of each component.

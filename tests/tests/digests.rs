@@ -4,8 +4,8 @@
 use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
-    DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
-    SppmSettings,
+    BdptSettings, DirectionSampler, IntegratorSettings, KernelShape, LightSettings, LookupVertex, PathSettings,
+    PcfSettings, PppmSettings, SppmSettings, VcmSettings,
 };
 use photonfarm_tests::scenes;
 use std::path::Path;
@@ -24,7 +24,7 @@ const HEAD: &str = "# BLAKE3 digests of the pixels of small images: scene, integ
     #     UPDATE=1 cargo test --workspace --release --test digests\n\
     # A line that changes says that jobs rendered before and after do not mix.\n";
 
-fn integrators() -> [(&'static str, IntegratorSettings); 5] {
+fn integrators() -> [(&'static str, IntegratorSettings); 8] {
     let photons = PppmSettings {
         photons: 2_000,
         samples: 2,
@@ -53,6 +53,27 @@ fn integrators() -> [(&'static str, IntegratorSettings); 5] {
     };
     [
         ("path", IntegratorSettings::Path(PathSettings::default())),
+        (
+            "light",
+            IntegratorSettings::Light(LightSettings {
+                photons: 2_000,
+                ..Default::default()
+            }),
+        ),
+        (
+            "bdpt",
+            IntegratorSettings::Bdpt(BdptSettings {
+                photons: 2_000,
+                ..Default::default()
+            }),
+        ),
+        (
+            "vcm",
+            IntegratorSettings::Vcm(VcmSettings {
+                photons: 2_000,
+                ..Default::default()
+            }),
+        ),
         ("pppm", IntegratorSettings::Pppm(photons.clone())),
         ("sppm", IntegratorSettings::Sppm(SppmSettings(photons))),
         ("pcf", IntegratorSettings::Pcf(cones)),

@@ -184,7 +184,7 @@ fn jobs_that_cannot_be() {
             "/defines",
             vec![json!([]), json!({"a": 1}), json!({"a": "x".repeat(1 << 16)})],
         ),
-        ("/integrator/type", vec![json!("bdpt"), json!(null), json!(1)]),
+        ("/integrator/type", vec![json!("erpt"), json!(null), json!(1)]),
         (
             "/integrator/photons",
             vec![json!(0), json!(-1), json!(u64::MAX), json!("many")],
