@@ -161,8 +161,7 @@ pub struct PcfSettings {
     pub sigma_by_length: Vec<f32>,
     /// Share of the angular bandwidth on delta and glossy surfaces (thesis, section 4.4).
     pub theta_glossy: f32,
-    /// Whether a cone must lie in the query's tangent plane and on its side of the surface, about, to count, and the kernel is
-    /// clipped to that surface.
+    /// Whether a cone must lie in the query's tangent plane, about, to count, and the kernel is clipped to that surface.
     pub surface_test: bool,
     /// Most edges of a light path, camera to light; `None`: no limit.
     pub max_depth: Option<u32>,
