@@ -5,6 +5,7 @@ use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
+use crate::schedule;
 use crate::settings::IntegratorSettings;
 
 use super::vertex::{Tracer, Vertex};
@@ -39,6 +40,12 @@ impl Bandwidth {
 /// The first radius [scene units]: `sigma1`, or else one for `photons` light paths.
 pub(super) fn first_radius(scene: &Scene, sigma1: Option<f32>, photons: u32) -> f32 {
     sigma1.unwrap_or_else(|| automatic_sigma1(scene, photons))
+}
+
+/// Radius of a disc that shrinks as that of `pppm`, in iteration `iteration` (1, 2, ...) [scene units].
+pub(super) fn shrinking_radius(scene: &Scene, sigma1: Option<f32>, photons: u32, alpha: f32, iteration: u32) -> f32 {
+    let ratio = schedule::pppm_radius_ratio(iteration, f64::from(alpha));
+    (f64::from(first_radius(scene, sigma1, photons)) * ratio) as f32
 }
 
 /// Records that the first disc would hold if the light paths of an iteration ended evenly over what the camera sees.

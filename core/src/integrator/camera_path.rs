@@ -96,16 +96,24 @@ pub(super) fn radiance(
             from: point.position,
             pdf: scattered.bsdf.pdf,
         });
-        if edges >= ROULETTE_EDGES {
-            let survival = (throughput.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
-            if random.next_choice() >= f64::from(survival) {
-                break;
-            }
-            throughput *= 1.0 / survival;
+        match roulette(throughput, eta, edges, random) {
+            Some(survived) => throughput = survived,
+            None => break,
         }
         ray = point.ray_towards(scattered.wi);
     }
     total
+}
+
+/// The throughput of a camera path of `edges` edges that goes on; `None` where Russian roulette ends it. `eta` is the index of refraction
+/// at its end over that at the camera.
+#[inline]
+pub(super) fn roulette(throughput: Spectrum, eta: f32, edges: u32, random: &mut PathRandom) -> Option<Spectrum> {
+    if edges < ROULETTE_EDGES {
+        return Some(throughput);
+    }
+    let survival = (throughput.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
+    (random.next_choice() < f64::from(survival)).then(|| throughput * (1.0 / survival))
 }
 
 /// Light emitted towards the ray's origin by what the ray found.
@@ -142,17 +150,9 @@ fn area_pdf(tracer: &Tracer, light: LightId, from: Vec3, hit: &SurfacePoint) -> 
 /// Direct light at a vertex by one connection with a light.
 fn next_event(tracer: &mut Tracer, vertex: &Vertex, random: &mut PathRandom) -> Spectrum {
     let (choice, u) = (random.next_choice(), random.next_choice_2d());
-    let scene = tracer.scene;
-    let Some(light) = scene
-        .lights
-        .sample_direct(&scene.geometry, vertex.point.position, choice, u)
-    else {
+    let Some((light, f)) = tracer.connect_with_light(vertex, choice, u) else {
         return Spectrum::ZERO;
     };
-    let f = vertex.eval(light.wi);
-    if f.is_black() || tracer.occluded(&vertex.point.shadow_ray(light.wi, light.distance)) {
-        return Spectrum::ZERO;
-    }
     let weight = if light.delta {
         1.0
     } else {

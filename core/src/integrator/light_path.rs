@@ -5,7 +5,7 @@ use super::vertex::{Scattered, Tracer, Vertex};
 use super::{Counts, Observer, RenderError};
 use crate::map::Record;
 use crate::material::TransportMode;
-use crate::random::Sequence;
+use crate::random::{PathRandom, Sequence};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
@@ -94,14 +94,28 @@ impl LightPaths {
                 scattered: scattered.as_ref(),
             });
             let Some(scattered) = scattered else { return };
-            let next = flux * vertex.continuation_weight(&scattered);
-            let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };
-            let survival = (next.max_component() / flux.max_component()).min(highest);
-            if survival.is_nan() || random.next_choice() >= f64::from(survival) {
+            let Some(next) = go_on(&vertex, flux, &scattered, edges, &mut random) else {
                 return;
-            }
-            flux = next * (1.0 / survival);
+            };
+            flux = next;
             ray = point.ray_towards(scattered.wi);
         }
     }
+}
+
+/// Flux that goes on along a direction sampled at a vertex `edges` from the light; `None` where Russian roulette, by the share that
+/// is scattered, ends the path.
+#[inline]
+pub(super) fn go_on(
+    vertex: &Vertex,
+    flux: Spectrum,
+    scattered: &Scattered,
+    edges: u32,
+    random: &mut PathRandom,
+) -> Option<Spectrum> {
+    let next = flux * vertex.continuation_weight(scattered);
+    let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };
+    let survival = (next.max_component() / flux.max_component()).min(highest);
+    let survives = !survival.is_nan() && random.next_choice() < f64::from(survival);
+    survives.then(|| next * (1.0 / survival))
 }

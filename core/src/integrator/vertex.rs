@@ -1,7 +1,8 @@
 use crate::geometry::{Ray, SurfacePoint};
+use crate::light::LightSample;
 use crate::map::Record;
 use crate::material::{Bsdf, BsdfSample, TransportMode};
-use crate::math::Vec3;
+use crate::math::{DVec2, Vec3};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -159,5 +160,21 @@ impl<'a> Tracer<'a> {
     pub(super) fn occluded(&mut self, ray: &Ray) -> bool {
         self.rays += 1;
         self.scene.geometry.occluded(ray)
+    }
+
+    /// Connects a vertex with the light and the point on it that `choice` and `u` select, and f towards it [1/sr]; `None` where no light
+    /// comes along that way.
+    #[inline]
+    pub(super) fn connect_with_light(
+        &mut self,
+        vertex: &Vertex,
+        choice: f64,
+        u: DVec2,
+    ) -> Option<(LightSample, Spectrum)> {
+        let Scene { lights, geometry, .. } = self.scene;
+        let light = lights.sample_direct(geometry, vertex.point.position, choice, u)?;
+        let f = vertex.eval(light.wi);
+        let hidden = f.is_black() || self.occluded(&vertex.point.shadow_ray(light.wi, light.distance));
+        (!hidden).then_some((light, f))
     }
 }

@@ -5,7 +5,7 @@ use super::partial::Partial;
 use super::{Estimator, Spectrum};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
-use crate::integrator::camera_path::{ROULETTE_EDGES, ROULETTE_SURVIVAL};
+use crate::integrator::camera_path::roulette;
 use crate::integrator::vertex::{Tracer, Vertex};
 use crate::map::{Reach, RecordMap, count_edges};
 use crate::material::TransportMode;
@@ -88,12 +88,9 @@ impl<'a> Estimator<'a> {
             };
             beta *= scattered.weight();
             eta *= scattered.bsdf.eta;
-            if edges >= ROULETTE_EDGES {
-                let survival = (beta.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
-                if random.next_choice() >= f64::from(survival) {
-                    break;
-                }
-                beta *= 1.0 / survival;
+            match roulette(beta, eta, edges, random) {
+                Some(survived) => beta = survived,
+                None => break,
             }
             partial = self.partial_after(&end.vertex, partial, self.camera_edges.of(edges), &scattered);
             ray = point.ray_towards(scattered.wi);
@@ -139,17 +136,10 @@ impl<'a> Estimator<'a> {
 
     /// Direct light at the end of a camera path by a connection with a point of a light (`s = 1`).
     fn next_event(&self, tracer: &mut Tracer, end: &End, choice: f64, u: DVec2) -> Spectrum {
-        let (scene, vertex) = (tracer.scene, &end.vertex);
-        let Some(light) = scene
-            .lights
-            .sample_direct(&scene.geometry, vertex.point.position, choice, u)
-        else {
+        let vertex = &end.vertex;
+        let Some((light, f)) = tracer.connect_with_light(vertex, choice, u) else {
             return Spectrum::ZERO;
         };
-        let f = vertex.eval(light.wi);
-        if f.is_black() || tracer.occluded(&vertex.point.shadow_ray(light.wi, light.distance)) {
-            return Spectrum::ZERO;
-        }
         let found = match light.delta {
             false if self.plan.techniques.hit => vertex.pdf(light.wi) / light.pdf,
             _ => 0.0,

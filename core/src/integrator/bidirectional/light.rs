@@ -2,7 +2,7 @@
 
 use super::partial::Partial;
 use super::{Counts, Estimator, Observer, RenderError, Splat};
-use crate::integrator::camera_path::{ROULETTE_EDGES, ROULETTE_SURVIVAL};
+use crate::integrator::light_path::go_on;
 use crate::integrator::vertex::{Tracer, Vertex};
 use crate::light::{EmissionSample, Origin};
 use crate::map::Record;
@@ -158,13 +158,10 @@ impl<'a> Estimator<'a> {
             let Some(scattered) = vertex.sample(&mut random) else {
                 return;
             };
-            let next = flux * vertex.continuation_weight(&scattered);
-            let highest = if edges < ROULETTE_EDGES { 1.0 } else { ROULETTE_SURVIVAL };
-            let survival = (next.max_component() / flux.max_component()).min(highest);
-            if survival.is_nan() || random.next_choice() >= f64::from(survival) {
+            let Some(next) = go_on(&vertex, flux, &scattered, edges, &mut random) else {
                 return;
-            }
-            flux = next * (1.0 / survival);
+            };
+            flux = next;
             partial = self.partial_after(&vertex, partial, self.light_edges.of(edges), &scattered);
             ray = point.ray_towards(scattered.wi);
         }

@@ -1,10 +1,9 @@
 //! Settings of `pppm`.
 
-use crate::integrator::bandwidth::first_radius;
+use crate::integrator::bandwidth::shrinking_radius;
 use crate::integrator::{Bandwidth, Estimator, Ignored, Integrator, Iteration, Job, Observer, RenderError};
 use crate::random::Sampling;
 use crate::scene::Scene;
-use crate::schedule;
 use crate::settings::Setting;
 use crate::settings::shared::{ALPHA, MAX_DEPTH, PHOTONS, SAMPLES, SAMPLING, SIGMA1};
 use serde::{Deserialize, Serialize};
@@ -55,8 +54,7 @@ impl Default for PppmSettings {
 impl PppmSettings {
     /// Radius of the photons' disc in iteration `iteration` (1, 2, ...) [scene units].
     fn radius(&self, scene: &Scene, iteration: u32) -> f32 {
-        let ratio = schedule::pppm_radius_ratio(iteration, f64::from(self.alpha));
-        (f64::from(first_radius(scene, self.sigma1, self.photons)) * ratio) as f32
+        shrinking_radius(scene, self.sigma1, self.photons, self.alpha, iteration)
     }
 }
 

@@ -1,11 +1,10 @@
 //! Settings of `vcm`.
 
-use crate::integrator::bandwidth::first_radius;
+use crate::integrator::bandwidth::shrinking_radius;
 use crate::integrator::bidirectional::LIGHT_PATHS;
 use crate::integrator::{Bandwidth, Estimator, Ignored, Integrator, Iteration, Job, Observer, RenderError};
 use crate::random::Sampling;
 use crate::scene::Scene;
-use crate::schedule;
 use crate::settings::shared::{ALPHA, MAX_DEPTH, SAMPLES, SAMPLING, SIGMA1};
 use crate::settings::{Kind, Setting};
 use serde::{Deserialize, Serialize};
@@ -88,8 +87,7 @@ impl Default for VcmSettings {
 impl VcmSettings {
     /// Radius within which paths are merged in iteration `iteration` (1, 2, ...) [scene units].
     fn radius(&self, scene: &Scene, iteration: u32) -> f32 {
-        let ratio = schedule::pppm_radius_ratio(iteration, f64::from(self.alpha));
-        (f64::from(first_radius(scene, self.sigma1, self.photons)) * ratio) as f32
+        shrinking_radius(scene, self.sigma1, self.photons, self.alpha, iteration)
     }
 }
 
