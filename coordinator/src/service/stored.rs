@@ -13,9 +13,9 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::worker::{NodePlace, NodeUpload};
 use std::sync::Arc;
 
-/// An object of this upload alone.
+/// An object of this upload alone, which no other worker can name.
 fn name(upload: &NodeUpload) -> String {
-    format!("{}-{}", upload.token, upload.digest)
+    format!("{}-{}-{}", upload.worker, upload.token, upload.digest)
 }
 
 impl Service {
@@ -27,7 +27,7 @@ impl Service {
     /// Where a worker may put a node that it could deliver now.
     pub(crate) async fn place(self: &Arc<Self>, upload: &NodeUpload) -> Result<NodePlace, ServiceError> {
         self.check_upload(upload).await?;
-        if self.would_count(upload).await? == Delivered::Duplicate {
+        if self.foresee_stored(upload).await? == Delivered::Duplicate {
             self.deliver(delivery(upload, true, 0), Millis::MAX).await?;
             return Ok(NodePlace::Known);
         }
@@ -38,7 +38,7 @@ impl Service {
     /// A worker says that it has put a node to its place.
     pub(crate) async fn stored(self: &Arc<Self>, upload: NodeUpload) -> Result<Delivered, ServiceError> {
         let header = self.check_upload(&upload).await?;
-        if self.would_count(&upload).await? == Delivered::Duplicate {
+        if self.foresee_stored(&upload).await? == Delivered::Duplicate {
             return self.deliver(delivery(&upload, true, 0), Millis::MAX).await;
         }
         let service = self.clone();
@@ -69,6 +69,18 @@ impl Service {
             service.after_delivery(&delivery, result).await
         };
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
+    }
+
+    /// What would become of a node that its worker stores. If it is known already, or refused, what was put is removed:
+    /// nobody would adopt it.
+    async fn foresee_stored(self: &Arc<Self>, upload: &NodeUpload) -> Result<Delivered, ServiceError> {
+        let foreseen = self.would_count(upload).await;
+        if let Ok(Delivered::Duplicate) | Err(ServiceError::Refusal(_)) = foreseen
+            && let Err(error) = self.stores.nodes.discard(&name(upload)).await
+        {
+            tracing::warn!(%error, "what a worker put is left for later");
+        }
+        foreseen
     }
 
     /// What would become of a delivery now.

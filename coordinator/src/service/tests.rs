@@ -19,7 +19,7 @@ use photonfarm_proto::node::{NodeHeader, encode_node};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::waiting::Waiting;
 use photonfarm_proto::worker::{
-    Heartbeat, Lease, LeaseProgress, LeaseRequest, MOST_LEASES, NodePlace, NodeUpload, Register, frame_upload,
+    Heartbeat, Lease, LeaseProgress, LeaseRequest, MOST_LEASES, NodePlace, NodeUpload, Register, Release, frame_upload,
 };
 use photonfarm_test_servers::S3;
 use std::convert::Infallible;
@@ -409,18 +409,27 @@ async fn world_of_objects(iterations: u32, s3: &S3) -> World {
     World::with(iterations, folder, state, stores).await
 }
 
+/// The URL of a place in the object store.
+async fn place_url(world: &World, upload: &NodeUpload) -> Result<String, ServiceError> {
+    match world.service.place(upload).await? {
+        NodePlace::Url(url) => Ok(url),
+        other => panic!("a place in the object store, not {other:?}"),
+    }
+}
+
+async fn put_to(url: &str, bytes: Vec<u8>) {
+    let http = reqwest::Client::builder().no_proxy().build().unwrap();
+    let status = http.put(url).body(bytes).send().await.unwrap().status();
+    assert!(status.is_success(), "{status}");
+}
+
 /// Puts bytes where the coordinator says, and says so.
 pub(super) async fn put_and_say_so(
     world: &World,
     upload: &NodeUpload,
     bytes: Vec<u8>,
 ) -> Result<Delivered, ServiceError> {
-    let NodePlace::Url(url) = world.service.place(upload).await? else {
-        panic!("a place in the object store");
-    };
-    let http = reqwest::Client::builder().no_proxy().build().unwrap();
-    let status = http.put(url).body(bytes).send().await.unwrap().status();
-    assert!(status.is_success(), "{status}");
+    put_to(&place_url(world, upload).await?, bytes).await;
     world.service.stored(upload.clone()).await
 }
 
@@ -478,6 +487,41 @@ async fn nodes_that_workers_store_are_believed_only_when_read() {
     world.service.fold_all().await;
     let status = world.service.status(world.job).await.unwrap();
     assert_eq!((status.state, status.iterations_done), (JobState::Done, 2));
+}
+
+/// The URL of a place outlives the answer to whether the node counts.
+#[tokio::test]
+async fn what_was_put_for_a_node_that_is_known_or_refused_is_removed() {
+    let s3 = S3::start();
+    let world = world_of_objects(2, &s3).await;
+    let put_there = || std::fs::read_dir(s3.file("nodes/incoming")).unwrap().count();
+    let lease = world.lease().await;
+    let (upload, image) = world.rendered(&lease);
+    let url = place_url(&world, &upload).await.unwrap();
+    put_to(&url, image.clone()).await;
+    let stored = || world.service.stored(upload.clone());
+    assert_eq!((stored().await.unwrap(), put_there()), (Delivered::Counted, 0));
+
+    put_to(&url, image.clone()).await;
+    assert_eq!(put_there(), 1);
+    assert_eq!((stored().await.unwrap(), put_there()), (Delivered::Duplicate, 0));
+
+    put_to(&url, image).await;
+    let place = world.service.place(&upload).await.unwrap();
+    assert_eq!((place, put_there()), (NodePlace::Known, 0));
+
+    let lease = world.lease().await;
+    let (upload, image) = world.rendered(&lease);
+    put_to(&place_url(&world, &upload).await.unwrap(), image).await;
+    let release = Release {
+        token: lease.token,
+        worker: world.worker,
+        job: world.job,
+    };
+    world.service.release(release).await.unwrap();
+    assert_eq!(put_there(), 1);
+    let refused = world.service.stored(upload).await.unwrap_err().into_problem();
+    assert_eq!((refused.code, put_there()), (ErrorCode::StaleLease, 0));
 }
 
 /// A full disk is said of each job that it keeps from going on, and is over as soon as something was stored.

@@ -203,6 +203,10 @@ async fn signed_urls_read_a_blob_and_write_what_is_none_before_it_is_adopted() {
     put_image(b"image").await;
     store.tidy(Duration::ZERO).await.unwrap();
     assert!(matches!(store.adopt("1", hash, 5).await, Err(StoreError::NoBlob(_))));
+    put_image(b"image").await;
+    store.discard("1").await.unwrap();
+    store.discard("1").await.unwrap();
+    assert!(matches!(store.adopt("1", hash, 5).await, Err(StoreError::NoBlob(_))));
 }
 
 #[tokio::test]

@@ -170,6 +170,10 @@ impl BlobStore for FaultyBlobs {
         self.faults.at(Step::Published).await
     }
 
+    async fn discard(&self, place: &str) -> Result<(), StoreError> {
+        self.inner.discard(place).await
+    }
+
     async fn tidy(&self, age: Duration) -> Result<(), StoreError> {
         self.inner.tidy(age).await
     }

@@ -411,6 +411,11 @@ pub trait BlobStore: Send + Sync {
         Err(StoreError::NoBlob(name.hash))
     }
 
+    /// Removes what was put to [`write_url`](Self::write_url) and is not to be adopted, if anything was.
+    async fn discard(&self, _place: &str) -> Result<(), StoreError> {
+        Ok(())
+    }
+
     /// Removes what was put so long ago and never adopted.
     async fn tidy(&self, _age: Duration) -> Result<(), StoreError> {
         Ok(())

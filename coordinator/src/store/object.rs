@@ -268,6 +268,10 @@ impl BlobStore for ObjectBlobs {
         self.delete(&from).await
     }
 
+    async fn discard(&self, place: &str) -> Result<(), StoreError> {
+        self.delete(&self.incoming(place)).await
+    }
+
     async fn tidy(&self, least: Duration) -> Result<(), StoreError> {
         let now = self.clock().await?;
         let mut objects = self.objects(self.prefix.clone().join(INCOMING));
