@@ -1,6 +1,8 @@
 //! Jobs: what is asked for, and how far it has come.
 
+use crate::bundle::BundleManifest;
 use crate::id::{BlobHash, JobId, WorkerId};
+use crate::limits::{LimitError, Limits, within};
 use crate::schedule::{Checkpoint, Schedule, Stop};
 use crate::waiting::Waiting;
 use photonfarm_core::integrator::{self, Counts};
@@ -38,6 +40,30 @@ pub struct JobSpec {
     /// When and where it is worked on, and when it stops.
     #[serde(default, skip_serializing_if = "Schedule::is_default")]
     pub schedule: Schedule,
+}
+
+impl JobSpec {
+    /// Checks the job against a farm's limits and the bundle that it names.
+    ///
+    /// # Errors
+    /// The first field that is beyond its limit, or that no job can have.
+    pub fn check(&self, limits: &Limits, manifest: &BundleManifest) -> Result<(), LimitError> {
+        limits.check_iterations(self.iterations)?;
+        if !manifest.files.contains_key(&self.main) {
+            let reason = format!("the bundle has no file {:?}", self.main);
+            return Err(LimitError::invalid("main", reason));
+        }
+        let defines = self.defines.len() as u64;
+        within("the number of defines", defines, "defines", limits.defines)?;
+        let bytes_within = |what, bytes: usize| within(what, bytes as u64, "define_bytes", limits.define_bytes);
+        for (name, value) in &self.defines {
+            bytes_within("the length of a definition in bytes", name.len() + value.len())?;
+        }
+        if let Some(sensor) = &self.sensor {
+            bytes_within("the length of the sensor's name in bytes", sensor.len())?;
+        }
+        self.schedule.check()
+    }
 }
 
 /// What the OpenAPI document says of an integrator with its settings.
@@ -318,6 +344,41 @@ pub struct JobStatus {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bundle::FileEntry;
+    use photonfarm_core::settings::PathSettings;
+
+    #[test]
+    fn jobs_beyond_a_limit_are_refused_by_its_name() {
+        let limits = Limits {
+            iterations: 8,
+            defines: 1,
+            define_bytes: 4,
+            ..Limits::default()
+        };
+        let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
+        let bundle = BundleManifest { files };
+        let spec = JobSpec {
+            scene: bundle.hash(),
+            main: "scene.xml".into(),
+            defines: Default::default(),
+            sensor: None,
+            integrator: IntegratorSettings::Path(PathSettings::default()).into(),
+            iterations: 4,
+            seed: 0,
+            schedule: Default::default(),
+        };
+        assert!(spec.check(&limits, &bundle).is_ok());
+        let refused = |change: &dyn Fn(&mut JobSpec)| {
+            let mut bad = spec.clone();
+            change(&mut bad);
+            bad.check(&limits, &bundle).unwrap_err().to_string()
+        };
+        assert!(refused(&|s| s.iterations = 9).contains("iterations"));
+        assert!(refused(&|s| s.iterations = 0).contains("iterations"));
+        assert!(refused(&|s| s.main = "other.xml".into()).contains("other.xml"));
+        assert!(refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes"));
+        assert!(refused(&|s| s.sensor = Some("abcde".into())).contains("define_bytes"));
+    }
 
     #[test]
     fn the_document_has_the_schema_of_integrators_as_it_is() {

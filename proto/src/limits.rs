@@ -1,7 +1,6 @@
 //! What a farm accepts. Checked before work starts and before memory is taken.
 
 use crate::bundle::BundleManifest;
-use crate::job::JobSpec;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use utoipa::ToSchema;
@@ -81,7 +80,8 @@ impl LimitError {
     }
 }
 
-fn within(what: &str, value: u64, name: &'static str, limit: u64) -> Result<(), LimitError> {
+/// Checks a value against the limit of that name.
+pub(crate) fn within(what: &str, value: u64, name: &'static str, limit: u64) -> Result<(), LimitError> {
     if value <= limit {
         return Ok(());
     }
@@ -127,40 +127,6 @@ impl Limits {
         )
     }
 
-    /// Checks a job against the bundle it names.
-    pub fn check_job(&self, spec: &JobSpec, manifest: &BundleManifest) -> Result<(), LimitError> {
-        self.check_iterations(spec.iterations)?;
-        if !manifest.files.contains_key(&spec.main) {
-            let reason = format!("the bundle has no file {:?}", spec.main);
-            return Err(LimitError::invalid("main", reason));
-        }
-        within(
-            "the number of defines",
-            spec.defines.len() as u64,
-            "defines",
-            self.defines,
-        )?;
-        for (name, value) in &spec.defines {
-            let bytes = (name.len() + value.len()) as u64;
-            within(
-                "the length of a definition in bytes",
-                bytes,
-                "define_bytes",
-                self.define_bytes,
-            )?;
-        }
-        if let Some(sensor) = &spec.sensor {
-            let bytes = sensor.len() as u64;
-            within(
-                "the length of the sensor's name in bytes",
-                bytes,
-                "define_bytes",
-                self.define_bytes,
-            )?;
-        }
-        spec.schedule.check()
-    }
-
     /// Checks a number of iterations.
     pub fn check_iterations(&self, iterations: u32) -> Result<(), LimitError> {
         if iterations == 0 {
@@ -202,7 +168,6 @@ mod tests {
     use super::*;
     use crate::bundle::FileEntry;
     use crate::id::BlobHash;
-    use photonfarm_core::settings::{IntegratorSettings, PathSettings};
 
     fn manifest(files: &[(&str, u64)]) -> BundleManifest {
         let entry = |bytes| FileEntry {
@@ -211,19 +176,6 @@ mod tests {
         };
         BundleManifest {
             files: files.iter().map(|(n, b)| ((*n).to_owned(), entry(*b))).collect(),
-        }
-    }
-
-    fn spec() -> JobSpec {
-        JobSpec {
-            scene: BlobHash::of(b""),
-            main: "scene.xml".into(),
-            defines: Default::default(),
-            sensor: None,
-            integrator: IntegratorSettings::Path(PathSettings::default()).into(),
-            iterations: 4,
-            seed: 0,
-            schedule: Default::default(),
         }
     }
 
@@ -271,28 +223,6 @@ mod tests {
             huge.check_bundle(&manifest(&[("a", u64::MAX), ("b", u64::MAX)]))
                 .is_err()
         );
-    }
-
-    #[test]
-    fn jobs_beyond_a_limit_are_refused_by_its_name() {
-        let limits = Limits {
-            iterations: 8,
-            defines: 1,
-            define_bytes: 4,
-            ..Limits::default()
-        };
-        let bundle = manifest(&[("scene.xml", 1)]);
-        assert!(limits.check_job(&spec(), &bundle).is_ok());
-        let refused = |change: &dyn Fn(&mut JobSpec)| {
-            let mut bad = spec();
-            change(&mut bad);
-            limits.check_job(&bad, &bundle).unwrap_err().to_string()
-        };
-        assert!(refused(&|s| s.iterations = 9).contains("iterations"));
-        assert!(refused(&|s| s.iterations = 0).contains("iterations"));
-        assert!(refused(&|s| s.main = "other.xml".into()).contains("other.xml"));
-        assert!(refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes"));
-        assert!(refused(&|s| s.sensor = Some("abcde".into())).contains("define_bytes"));
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! The values of a node's image in pieces, as they arrive or are read, and what they may be.
 
-use crate::node::NodeHeader;
 use photonfarm_core::film::{FilmError, VALUES_PER_PIXEL};
 
 /// The values of little-endian bytes.
@@ -35,13 +34,13 @@ pub struct Pixels {
 }
 
 impl Pixels {
-    /// For planes that follow this header.
+    /// For planes of so many pixels across and down, with so many statistics of each.
     #[must_use]
-    pub fn of(header: &NodeHeader) -> Self {
+    pub fn new([width, height]: [u32; 2], statistics: u16) -> Self {
         Self {
-            width: header.width.into(),
-            image: header.image_bytes() / 4,
-            statistics: header.statistics.into(),
+            width: width.into(),
+            image: u64::from(width) * u64::from(height) * VALUES_PER_PIXEL as u64,
+            statistics: statistics.into(),
             seen: 0,
             part: Vec::with_capacity(4),
             bad: None,
@@ -102,11 +101,11 @@ impl Pixels {
 mod tests {
     use super::*;
     use crate::id::JobId;
-    use crate::node::{NodeKey, decode_node};
+    use crate::node::{NodeHeader, NodeKey, decode_node};
 
     /// What is found in planes that come in pieces of `length` bytes.
     fn found(header: &NodeHeader, planes: &[u8], length: usize) -> Option<String> {
-        let mut pixels = Pixels::of(header);
+        let mut pixels = Pixels::new([header.width, header.height], header.statistics);
         planes.chunks(length).for_each(|piece| pixels.look_at(piece));
         assert_eq!(pixels.seen, planes.len() as u64 / 4);
         pixels.bad.map(|error| error.to_string())

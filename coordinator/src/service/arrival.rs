@@ -80,7 +80,7 @@ impl Arrival {
             batch: (vec![head], NodeHeader::BYTES),
             announced: name.hash,
             left: header.plane_bytes(),
-            pixels: Pixels::of(header),
+            pixels: Pixels::new([header.width, header.height], header.statistics),
             held,
         })
     }

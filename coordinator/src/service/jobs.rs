@@ -126,7 +126,7 @@ impl Service {
             let detail = format!("scene: there is no bundle {}", spec.scene);
             return Err(Problem::new(ErrorCode::Invalid, detail).at("scene", None).into());
         };
-        self.limits.check_job(spec, &manifest)?;
+        spec.check(&self.limits, &manifest)?;
         if let Err(error) = spec.integrator.with_defaults().validate() {
             let field = format!("integrator.{}", error.name);
             return Err(Problem::new(ErrorCode::Invalid, error.to_string())

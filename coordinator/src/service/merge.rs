@@ -121,7 +121,7 @@ impl Part {
         let held = at_hand.open(image.hash);
         let checks = held.is_none().then(|| Checks {
             hasher: blake3::Hasher::new(),
-            pixels: Pixels::of(&header),
+            pixels: Pixels::new([header.width, header.height], header.statistics),
         });
         let opened = match held {
             Some(held) => Ok(held),

@@ -84,7 +84,7 @@ pub(super) fn request(bytes: &[u8]) {
         assert!(!manifest.blobs().is_empty());
     }
     if let Some(spec) = json::<JobSpec>(bytes) {
-        let _ = limits.check_job(&spec, &manifest);
+        let _ = spec.check(&limits, &manifest);
         let _ = spec.integrator.with_defaults().validate();
     }
     json::<Extend>(bytes);
