@@ -1,5 +1,6 @@
 //! The command line as typed.
 
+use crate::farm_args::{CredentialArgs, FarmArgs};
 use crate::steer_args::{
     DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
 };
@@ -9,7 +10,6 @@ use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_core::integrator::{INTEGRATORS, Integrator};
 use photonfarm_core::settings::reference;
 use photonfarm_proto::token::Role;
-use photonfarm_worker::{Credentials, CredentialsError};
 use std::collections::BTreeMap;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
@@ -255,11 +255,8 @@ pub(crate) enum LogFormat {
 pub(crate) struct SubmitArgs {
     #[command(flatten)]
     pub(crate) job: JobArgs,
-    /// The farm's coordinator, such as http://127.0.0.1:7800
-    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
-    pub(crate) coordinator: String,
     #[command(flatten)]
-    pub(crate) credentials: CredentialArgs,
+    pub(crate) farm: FarmArgs,
     #[command(flatten)]
     pub(crate) schedule: ScheduleArgs,
     /// Wait until the job is done
@@ -271,23 +268,6 @@ pub(crate) struct SubmitArgs {
     /// Name of this submission: another one with the same name makes no new job, but takes up the one that the first made
     #[arg(long, value_name = "NAME", value_parser = key, conflicts_with = "within")]
     pub(crate) key: Option<String>,
-}
-
-/// What is shown to the coordinator.
-#[derive(Debug, Args)]
-pub(crate) struct CredentialArgs {
-    /// File with a token; else the variable PHOTONFARM_TOKEN holds one, if the farm asks for any
-    #[arg(long, value_name = "FILE", env = "PHOTONFARM_TOKEN_FILE")]
-    token_file: Option<PathBuf>,
-    /// File with the certificate of the authority that the coordinator's comes from [default: those that the system trusts]
-    #[arg(long, value_name = "FILE", env = "PHOTONFARM_CA")]
-    ca: Option<PathBuf>,
-}
-
-impl CredentialArgs {
-    pub(crate) fn load(&self) -> Result<Credentials, CredentialsError> {
-        Credentials::load(self.token_file.as_deref(), self.ca.as_deref())
-    }
 }
 
 #[derive(Debug, Args)]
@@ -477,7 +457,10 @@ mod tests {
         let Command::Submit(submit) = Cli::try_parse_from(line.split(' ')).unwrap().command else {
             panic!("another command");
         };
-        assert_eq!((submit.coordinator.as_str(), submit.job.set.len()), ("http://b", 2));
+        assert_eq!(
+            (submit.farm.coordinator.as_str(), submit.job.set.len()),
+            ("http://b", 2)
+        );
     }
 
     #[test]

@@ -6,6 +6,7 @@
 mod args;
 mod backup;
 mod client;
+mod farm_args;
 mod job;
 mod kept;
 mod log;

@@ -1,7 +1,7 @@
 //! `photonfarm jobs`, `pause`, `resume`, `cancel`, `delete`, `resubmit`, `extend`, `priority`, `workers`: looks at a farm and steers it.
 
-use crate::args::CredentialArgs;
 use crate::client::Client;
+use crate::farm_args::CredentialArgs;
 use crate::say;
 use crate::steer_args::{DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
 use anyhow::{Context, Result, ensure};

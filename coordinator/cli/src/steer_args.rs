@@ -1,6 +1,6 @@
 //! The command line of what looks at a farm and steers it.
 
-use crate::args::CredentialArgs;
+use crate::farm_args::{CredentialArgs, FarmArgs};
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
 use photonfarm_proto::id::{JobId, WorkerId};
@@ -8,16 +8,6 @@ use photonfarm_proto::schedule::{PRIORITY, Schedule};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-
-/// A running farm.
-#[derive(Debug, Args)]
-pub(crate) struct FarmArgs {
-    /// The farm's coordinator, such as http://127.0.0.1:7800
-    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
-    pub(crate) coordinator: String,
-    #[command(flatten)]
-    pub(crate) credentials: CredentialArgs,
-}
 
 #[derive(Debug, Args)]
 pub(crate) struct JobsArgs {

@@ -21,7 +21,7 @@ pub(crate) fn run(args: SubmitArgs) -> Result<()> {
 
 async fn submit(args: SubmitArgs) -> Result<()> {
     let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
-    let client = Client::new(&args.coordinator, args.credentials.load()?)?;
+    let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
     let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule = args.schedule.schedule()?;
     job.key = args.key.unwrap_or(job.key);
@@ -37,7 +37,7 @@ async fn submit(args: SubmitArgs) -> Result<()> {
         Err(error) if !error.is::<say::ReaderLeft>() => return Err(error),
         _ => {}
     }
-    let again = again(id, &args.coordinator, &farm, args.output.as_deref());
+    let again = again(id, &args.farm.coordinator, &farm, args.output.as_deref());
     say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
     await_picture(&client, &asked, output, Some(&scene), &again).await
 }
