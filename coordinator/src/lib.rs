@@ -137,7 +137,7 @@ impl Coordinator {
         let certificates = config.tls.as_ref().map(Certificates::read).transpose()?.map(Arc::new);
         let encrypted = certificates.is_some();
         let gate = Gate::new(Tokens::new(stores.state.clone()), loopback, config.rate);
-        if !loopback && !gate.has_tokens().await? {
+        if !loopback && !gate.has_tokens().await.map_err(ServiceError::from)? {
             return Err(StartError::NoToken(address));
         }
         if !loopback && !encrypted {

@@ -2,9 +2,8 @@
 
 use super::rate::Buckets;
 use super::tokens::{no_token, wall_clock};
-use super::{Caller, TokenRecord, Tokens, token};
-use crate::service::ServiceError;
-use crate::store::StoreError;
+use super::{AccessError, Caller, Tokens, token};
+use crate::store::{StoreError, TokenRecord};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{NewToken, Role, TokenRequest, TokenStatus};
 use std::net::IpAddr;
@@ -52,12 +51,12 @@ impl Gate {
     }
 
     /// Whether there is any token, valid or not.
-    pub(crate) async fn has_tokens(&self) -> Result<bool, ServiceError> {
+    pub(crate) async fn has_tokens(&self) -> Result<bool, AccessError> {
         Ok(!self.remembered().await?.is_empty())
     }
 
     /// The tokens. While the store is away those go on that it had at last: a revocation needs the store as well.
-    async fn remembered(&self) -> Result<Arc<[TokenRecord]>, ServiceError> {
+    async fn remembered(&self) -> Result<Arc<[TokenRecord]>, AccessError> {
         let mut remembered = self.remembered.lock().await;
         let Some(known) = &mut *remembered else {
             let tokens: Arc<[TokenRecord]> = self.tokens.records().await?.into();
@@ -79,7 +78,7 @@ impl Gate {
         known.asked = Instant::now();
         match answer {
             Ok(tokens) => (known.answered, known.tokens) = (known.asked, tokens.into()),
-            Err(ServiceError::Store(error)) if error.retryable() && known.answered.elapsed() < GRACE => {
+            Err(AccessError::Store(error)) if error.retryable() && known.answered.elapsed() < GRACE => {
                 tracing::warn!(%error, "the store does not tell the tokens: those that were valid go on");
             }
             Err(error) => return Err(error),
@@ -95,7 +94,7 @@ impl Gate {
     ///
     /// # Errors
     /// A token that is not valid; too many requests.
-    pub(crate) async fn admit(&self, header: Option<&str>, peer: IpAddr) -> Result<Option<Caller>, ServiceError> {
+    pub(crate) async fn admit(&self, header: Option<&str>, peer: IpAddr) -> Result<Option<Caller>, AccessError> {
         let tokens = self.remembered().await?;
         if tokens.is_empty() && self.loopback {
             return Ok(Some(Caller::anyone()));
@@ -127,7 +126,7 @@ impl Gate {
     }
 
     /// Makes a token. The first one must be an administrator's, who can make others.
-    pub(crate) async fn create(&self, request: TokenRequest) -> Result<NewToken, ServiceError> {
+    pub(crate) async fn create(&self, request: TokenRequest) -> Result<NewToken, AccessError> {
         if request.role != Role::Admin && self.tokens.records().await?.is_empty() {
             let detail = "the first token of a farm has the role `admin`: without it nobody could make others";
             return Err(Problem::new(ErrorCode::Invalid, detail).at("role", None).into());
@@ -138,12 +137,12 @@ impl Gate {
     }
 
     /// What is known of each token.
-    pub(crate) async fn list(&self) -> Result<Vec<TokenStatus>, ServiceError> {
+    pub(crate) async fn list(&self) -> Result<Vec<TokenStatus>, AccessError> {
         self.tokens.list().await
     }
 
     /// Revokes a token. The last administrator's stays: revoking it would leave nobody who can make others.
-    pub(crate) async fn revoke(&self, name: &str) -> Result<(), ServiceError> {
+    pub(crate) async fn revoke(&self, name: &str) -> Result<(), AccessError> {
         let records = self.tokens.records().await?;
         if !records.iter().any(|record| record.name == name) {
             return Err(no_token(name).into());
@@ -222,11 +221,11 @@ mod tests {
         pass(GRACE / 2).await;
         assert_eq!(admit(&header).await.unwrap().unwrap().name, "boss");
         assert!(
-            matches!(admit("Bearer x").await, Err(ServiceError::Problem(_))),
+            matches!(admit("Bearer x").await, Err(AccessError::Problem(_))),
             "no other token is let in"
         );
         pass(GRACE / 2).await;
-        assert!(matches!(admit(&header).await, Err(ServiceError::Store(_))));
+        assert!(matches!(admit(&header).await, Err(AccessError::Store(_))));
         store.away.store(false, Ordering::Relaxed);
         pass(REMEMBERED).await;
         assert!(store.remove_token("boss".into()).await.unwrap());

@@ -1,12 +1,14 @@
 //! Who may do what: tokens, their roles and quotas.
 
+mod error;
 mod gate;
 mod rate;
 mod token;
 mod tokens;
 
+pub use error::AccessError;
 pub(crate) use gate::{Gate, network};
-pub use token::{Secret, TokenRecord};
+pub use token::Secret;
 pub use tokens::Tokens;
 
 use photonfarm_proto::problem::{ErrorCode, Problem};

@@ -1,9 +1,6 @@
-//! Tokens as they are made, sent and kept.
+//! Tokens as they are made and sent.
 
-use crate::scheduler::record::Millis;
 use photonfarm_proto::id::BlobHash;
-use photonfarm_proto::token::{Quota, Role};
-use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// What every token begins with, so that people and scanners know it for what it is.
@@ -47,21 +44,4 @@ impl fmt::Debug for Secret {
 /// 256 random bits cannot be guessed from their hash, so a fast hash without salt is enough.
 pub(super) fn hash(token: &str) -> BlobHash {
     BlobHash::of(token.as_bytes())
-}
-
-/// What is kept of a token.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TokenRecord {
-    /// Its name.
-    pub name: String,
-    /// What it allows.
-    pub role: Role,
-    /// BLAKE3 hash of the token.
-    pub hash: BlobHash,
-    /// When it was made.
-    pub created_ms: Millis,
-    /// When it ends.
-    pub expires_ms: Option<Millis>,
-    /// How much it allows.
-    pub quota: Quota,
 }

@@ -1,9 +1,8 @@
 //! Making, listing and revoking tokens on a state store.
 
-use super::{Secret, TokenRecord};
+use super::{AccessError, Secret};
 use crate::scheduler::record::Millis;
-use crate::service::ServiceError;
-use crate::store::StateStore;
+use crate::store::{StateStore, TokenRecord};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{NewToken, TokenRequest, TokenStatus};
 use std::sync::Arc;
@@ -29,7 +28,7 @@ impl Tokens {
     }
 
     /// All of them, by name.
-    pub(super) async fn records(&self) -> Result<Vec<TokenRecord>, ServiceError> {
+    pub(super) async fn records(&self) -> Result<Vec<TokenRecord>, AccessError> {
         Ok(self.state.tokens().await?)
     }
 
@@ -37,7 +36,7 @@ impl Tokens {
     ///
     /// # Errors
     /// A name that is taken or not allowed; a failing store.
-    pub async fn create(&self, request: TokenRequest) -> Result<NewToken, ServiceError> {
+    pub async fn create(&self, request: TokenRequest) -> Result<NewToken, AccessError> {
         let at = |field: &str, detail: String| Problem::new(ErrorCode::Invalid, detail).at(field, None);
         request.check().map_err(|(field, reason)| at(field, reason))?;
         let secret = Secret::random().map_err(|error| {
@@ -73,7 +72,7 @@ impl Tokens {
     ///
     /// # Errors
     /// A failing store.
-    pub async fn list(&self) -> Result<Vec<TokenStatus>, ServiceError> {
+    pub async fn list(&self) -> Result<Vec<TokenStatus>, AccessError> {
         let mut statuses = Vec::new();
         for record in self.records().await? {
             statuses.push(self.status(record).await?);
@@ -85,7 +84,7 @@ impl Tokens {
     ///
     /// # Errors
     /// No token of that name; a failing store.
-    pub async fn revoke(&self, name: &str) -> Result<(), ServiceError> {
+    pub async fn revoke(&self, name: &str) -> Result<(), AccessError> {
         if !self.state.remove_token(name.to_owned()).await? {
             return Err(no_token(name).into());
         }
@@ -93,7 +92,7 @@ impl Tokens {
         Ok(())
     }
 
-    async fn status(&self, record: TokenRecord) -> Result<TokenStatus, ServiceError> {
+    async fn status(&self, record: TokenRecord) -> Result<TokenStatus, AccessError> {
         let usage = self.state.usage(record.name.clone()).await?;
         Ok(TokenStatus {
             name: record.name,

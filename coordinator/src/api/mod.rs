@@ -13,7 +13,7 @@ mod system;
 mod tokens;
 mod worker;
 
-use crate::access::Gate;
+use crate::access::{AccessError, Gate};
 use crate::service::{Service, ServiceError};
 use axum::extract::DefaultBodyLimit;
 use axum::handler::Handler;
@@ -218,6 +218,12 @@ impl From<Problem> for ApiError {
 impl From<ServiceError> for ApiError {
     fn from(error: ServiceError) -> Self {
         Self(error.into_problem())
+    }
+}
+
+impl From<AccessError> for ApiError {
+    fn from(error: AccessError) -> Self {
+        ServiceError::from(error).into()
     }
 }
 

@@ -1,5 +1,6 @@
 //! Errors of the service, and how clients see them.
 
+use crate::access::AccessError;
 use crate::scheduler::Refusal;
 use crate::store::StoreError;
 use photonfarm_core::film::FilmError;
@@ -40,6 +41,15 @@ pub enum ServiceError {
     /// The service is stopping.
     #[error("the coordinator is stopping")]
     Stopping,
+}
+
+impl From<AccessError> for ServiceError {
+    fn from(error: AccessError) -> Self {
+        match error {
+            AccessError::Problem(problem) => problem.into(),
+            AccessError::Store(error) => error.into(),
+        }
+    }
 }
 
 impl ServiceError {

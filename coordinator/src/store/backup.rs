@@ -6,7 +6,6 @@
 //! nothing is missing. So a backup is the farm as it stood at an instant while the backup was made.
 
 use super::{BlobName, BlobPlace, BlobStore, SqliteStore, StatePlace, StoreError};
-use photonfarm_proto::id::BlobHash;
 use std::collections::BTreeSet;
 use std::path::Path;
 use thiserror::Error;
@@ -45,12 +44,6 @@ pub struct Backup {
     pub images: usize,
     /// Images that the database names and that were gone or damaged: their iterations will be rendered again.
     pub missing: Vec<BlobName>,
-}
-
-/// What a copy of the database names.
-pub(super) struct Named {
-    pub(super) files: BTreeSet<BlobHash>,
-    pub(super) images: Vec<BlobName>,
 }
 
 /// Saves a farm to a folder, from which it can be served as from its own.

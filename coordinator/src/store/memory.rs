@@ -1,7 +1,6 @@
 //! A store for tests: state in memory, which can be told to fail.
 
-use super::{Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, image_bytes};
-use crate::access::TokenRecord;
+use super::{Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, image_bytes};
 use crate::scheduler::record::{
     BlobName, Change, Counters, JobControl, JobHead, JobRecord, Millis, Snapshot, WorkerRecord,
 };

@@ -17,16 +17,21 @@ mod object;
 mod place;
 mod postgres;
 mod postgres_schema;
+mod postgres_session;
 #[cfg(test)]
 mod postgres_tests;
 mod postgres_tls;
 mod sql;
 mod sql_bundles;
 mod sql_changes;
+mod sql_farm;
+mod sql_jobs;
 mod sql_pictures;
+mod sql_tokens;
 mod sqlite;
 #[cfg(test)]
 mod tests;
+mod token;
 
 pub use backup::{Backup, BackupError, back_up};
 pub use folder::FolderStore;
@@ -34,8 +39,8 @@ pub use object::ObjectBlobs;
 pub use place::{BlobPlace, PlaceError, StatePlace};
 pub use postgres::PostgresStore;
 pub use sqlite::SqliteStore;
+pub use token::TokenRecord;
 
-use crate::access::TokenRecord;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use bytes::Bytes;

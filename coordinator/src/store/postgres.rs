@@ -4,16 +4,16 @@
 //! decided; what it changed is written to the table `change` as well, from which the others learn it.
 
 use super::postgres_schema::prepare;
+use super::postgres_session::Session;
 use super::postgres_tls::connector;
-use super::sql::{self, Answer, Queries, Row, Statement, Value};
-use super::sql_bundles;
+use super::sql::{self, Answer, Queries};
 use super::sql_changes::apply;
-use super::sql_pictures;
-use super::{Announced, Beat, Commit, EndedJob, News, PictureRecord, Sequence, StateStore, StoreError};
-use crate::access::TokenRecord;
+use super::{
+    Announced, Beat, Commit, EndedJob, News, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, sql_bundles,
+    sql_farm, sql_jobs, sql_pictures, sql_tokens,
+};
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
-use bytes::BytesMut;
 use deadpool_postgres::{GenericClient, Manager, ManagerConfig, Object, Pool, RecyclingMethod, Runtime};
 use futures_util::future::poll_fn;
 use photonfarm_proto::api::FarmIdentity;
@@ -25,7 +25,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::sync::{Mutex, watch};
 use tokio::task::JoinHandle;
-use tokio_postgres::types::{FromSql, IsNull, ToSql, Type};
 use tokio_postgres::{AsyncMessage, Config, IsolationLevel};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
@@ -288,66 +287,6 @@ async fn listen_once(
     }
 }
 
-/// A transaction.
-pub(super) struct Session<'a>(pub(super) &'a deadpool_postgres::Transaction<'a>);
-
-#[async_trait]
-impl Queries for Session<'_> {
-    async fn query(&mut self, Statement { sql, values, .. }: Statement) -> Result<Vec<Row>, StoreError> {
-        let statement = self.0.prepare_cached(&sql.replace('?', "$")).await?;
-        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
-        let rows = self.0.query(&statement, &values).await?;
-        let read = |row: &tokio_postgres::Row| {
-            let values = (0..row.len()).map(|column| row.try_get::<_, Value>(column));
-            Ok(Row::new(values.collect::<Result<_, _>>()?))
-        };
-        rows.iter().map(read).collect()
-    }
-
-    async fn execute(&mut self, Statement { sql, values, .. }: Statement) -> Result<u64, StoreError> {
-        let statement = self.0.prepare_cached(&sql.replace('?', "$")).await?;
-        let values: Vec<&(dyn ToSql + Sync)> = values.iter().map(|value| value as _).collect();
-        Ok(self.0.execute(&statement, &values).await?)
-    }
-}
-
-type ValueError = Box<dyn std::error::Error + Sync + Send>;
-
-impl ToSql for Value {
-    fn to_sql(&self, kind: &Type, out: &mut BytesMut) -> Result<IsNull, ValueError> {
-        match self {
-            Self::Null => Ok(IsNull::Yes),
-            Self::Integer(value) => value.to_sql(kind, out),
-            Self::Text(text) => text.to_sql(kind, out),
-            Self::Bytes(bytes) => bytes.to_sql(kind, out),
-        }
-    }
-
-    fn accepts(kind: &Type) -> bool {
-        matches!(*kind, Type::INT8 | Type::TEXT | Type::BYTEA)
-    }
-
-    tokio_postgres::types::to_sql_checked!();
-}
-
-impl<'a> FromSql<'a> for Value {
-    fn from_sql(kind: &Type, raw: &'a [u8]) -> Result<Self, ValueError> {
-        Ok(match *kind {
-            Type::INT8 => Self::Integer(i64::from_sql(kind, raw)?),
-            Type::TEXT => Self::Text(String::from_sql(kind, raw)?),
-            _ => Self::Bytes(Vec::from_sql(kind, raw)?),
-        })
-    }
-
-    fn from_sql_null(_: &Type) -> Result<Self, ValueError> {
-        Ok(Self::Null)
-    }
-
-    fn accepts(kind: &Type) -> bool {
-        <Self as ToSql>::accepts(kind)
-    }
-}
-
 fn signed(sequence: Sequence) -> i64 {
     sequence.try_into().unwrap_or(i64::MAX)
 }
@@ -365,8 +304,8 @@ impl StateStore for PostgresStore {
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
         self.ask(|queries| {
             Box::pin(async move {
-                let sequence = sql::sequence(queries).await?;
-                Ok((sequence, sql::load(queries).await?))
+                let sequence = sql_farm::sequence(queries).await?;
+                Ok((sequence, sql_jobs::load(queries).await?))
             })
         })
         .await
@@ -505,20 +444,20 @@ impl StateStore for PostgresStore {
     }
 
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::job(queries, id))).await
+        self.ask(move |queries| Box::pin(sql_jobs::job(queries, id))).await
     }
 
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::jobs(queries, before, limit)))
+        self.ask(move |queries| Box::pin(sql_jobs::jobs(queries, before, limit)))
             .await
     }
 
     async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {
-        self.ask(|queries| Box::pin(sql::ended_jobs(queries))).await
+        self.ask(|queries| Box::pin(sql_jobs::ended_jobs(queries))).await
     }
 
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::job_by_key(queries, key.clone())))
+        self.ask(move |queries| Box::pin(sql_jobs::job_by_key(queries, key.clone())))
             .await
     }
 
@@ -557,24 +496,24 @@ impl StateStore for PostgresStore {
         let jobs = "SELECT count(*) FILTER (WHERE ended_ms IS NULL), CAST(coalesce(sum(
             CAST(CAST(coalesce(control, spec) AS JSON) ->> 'iterations' AS BIGINT)), 0) AS BIGINT)
             FROM job WHERE owner = ?1";
-        self.ask(move |queries| Box::pin(sql::usage(queries, jobs, owner.clone())))
+        self.ask(move |queries| Box::pin(sql_tokens::usage(queries, jobs, owner.clone())))
             .await
     }
 
     async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
         self.change(None, move |queries| {
-            Box::pin(async move { Ok((sql::put_token(queries, &token).await?, true)) })
+            Box::pin(async move { Ok((sql_tokens::put_token(queries, &token).await?, true)) })
         })
         .await
     }
 
     async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
-        self.ask(|queries| Box::pin(sql::tokens(queries))).await
+        self.ask(|queries| Box::pin(sql_tokens::tokens(queries))).await
     }
 
     async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
         self.change(None, move |queries| {
-            Box::pin(async move { Ok((sql::remove_token(queries, name).await?, true)) })
+            Box::pin(async move { Ok((sql_tokens::remove_token(queries, name).await?, true)) })
         })
         .await
     }
@@ -616,6 +555,6 @@ impl StateStore for PostgresStore {
     }
 
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
-        self.ask(|queries| Box::pin(sql::live_images(queries))).await
+        self.ask(|queries| Box::pin(sql_pictures::live_images(queries))).await
     }
 }

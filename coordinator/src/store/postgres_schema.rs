@@ -1,7 +1,7 @@
 //! The tables of a PostgreSQL database: made, migrated and checked at every start, by one coordinator at a time.
 
-use super::postgres::Session;
-use super::{StoreError, sql};
+use super::postgres_session::Session;
+use super::{StoreError, sql_farm};
 use deadpool_postgres::{Object, Transaction};
 use photonfarm_proto::api::FarmIdentity;
 
@@ -132,7 +132,7 @@ pub(super) async fn prepare(client: &mut Object, place: &str) -> Result<FarmIden
     let mark: String = transaction.query_one(MARK, &[]).await?.try_get(0)?;
     let known = "SELECT epoch FROM identity";
     let before: Option<i64> = transaction.query_opt(known, &[]).await?.map(|row| row.get(0));
-    let identity = sql::identify(&mut Session(&transaction), Some(mark)).await?;
+    let identity = sql_farm::identify(&mut Session(&transaction), Some(mark)).await?;
     if before.is_some_and(|before| before as u64 != identity.epoch) {
         // Whoever has the farm's state in memory is to load it again.
         transaction

@@ -1,8 +1,8 @@
-//! Pictures of jobs that have ended, in an SQL database.
+//! Pictures of jobs that have ended, in an SQL database, and the names of all files that count.
 
 use super::sql::{Queries, Row, Statement, Value, ask, integer};
 use super::{PictureRecord, StoreError};
-use crate::scheduler::record::{BlobName, Millis};
+use crate::scheduler::record::{BlobName, Millis, NodeRecord};
 use photonfarm_proto::id::JobId;
 
 /// The picture of a job in this format.
@@ -53,6 +53,15 @@ pub(super) async fn pictures(queries: &mut dyn Queries, job: Option<JobId>) -> R
         None => ask(queries, "SELECT name FROM picture", []).await?,
     };
     found.into_iter().map(|mut row| read_name(&mut row)).collect()
+}
+
+/// Names of the images of all nodes that count, and of the pictures, of all jobs.
+pub(super) async fn live_images(queries: &mut dyn Queries) -> Result<Vec<BlobName>, StoreError> {
+    let found = ask(queries, "SELECT record FROM node WHERE live = 1", []).await?;
+    let image = |mut row: Row| Ok(row.json::<NodeRecord>()?.image());
+    let mut images: Vec<BlobName> = found.into_iter().map(image).collect::<Result<_, StoreError>>()?;
+    images.extend(pictures(queries, None).await?);
+    Ok(images)
 }
 
 fn read_picture(mut row: Row) -> Result<PictureRecord, StoreError> {

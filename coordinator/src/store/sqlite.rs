@@ -4,13 +4,12 @@
 //! database meanwhile, as a backup does. That file also tells whether the farm was restored or copied: whatever copies
 //! it cannot copy the time of its last change (`ctime`).
 
-use super::backup::Named;
-use super::sql::{self, Answer, Queries, Row, Statement, Value};
-use super::sql_bundles;
+use super::sql::{Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
-use super::sql_pictures;
-use super::{Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, check_file, not_writable};
-use crate::access::TokenRecord;
+use super::{
+    Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, check_file,
+    not_writable, sql_bundles, sql_farm, sql_jobs, sql_pictures, sql_tokens,
+};
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use futures_util::FutureExt;
@@ -143,6 +142,12 @@ struct Open {
     _lock: Lock,
 }
 
+/// What a copy of the database names.
+pub(super) struct Named {
+    pub(super) files: BTreeSet<BlobHash>,
+    pub(super) images: Vec<BlobName>,
+}
+
 impl SqliteStore {
     /// Opens or makes the file. It is this process's until the store is dropped or the process ends.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
@@ -176,7 +181,7 @@ impl SqliteStore {
         }
         connection.execute_batch("BEGIN IMMEDIATE")?;
         let mut queries = Ready(&mut connection);
-        let identity = at_once(Box::pin(sql::identify(&mut queries, mark(&lock.0))))?;
+        let identity = at_once(Box::pin(sql_farm::identify(&mut queries, mark(&lock.0))))?;
         connection.execute_batch("COMMIT")?;
         let open = Open {
             connection,
@@ -215,7 +220,7 @@ impl SqliteStore {
         let mut queries = Ready(&mut copy);
         let named = Named {
             files: at_once(Box::pin(sql_bundles::bundled_files(&mut queries)))?,
-            images: at_once(Box::pin(sql::live_images(&mut queries)))?,
+            images: at_once(Box::pin(sql_pictures::live_images(&mut queries)))?,
         };
         drop(copy);
         let sync = |path: &Path| File::open(path).and_then(|file| file.sync_all());
@@ -405,7 +410,7 @@ impl StateStore for SqliteStore {
     }
 
     async fn load(&self) -> Result<(Sequence, Snapshot), StoreError> {
-        Ok((0, self.ask(|queries| Box::pin(sql::load(queries))).await?))
+        Ok((0, self.ask(|queries| Box::pin(sql_jobs::load(queries))).await?))
     }
 
     async fn commit(&self, _expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError> {
@@ -429,20 +434,21 @@ impl StateStore for SqliteStore {
     }
 
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::job(queries, id))).await
+        self.ask(move |queries| Box::pin(sql_jobs::job(queries, id))).await
     }
 
     async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::jobs(queries, before, limit)))
+        self.ask(move |queries| Box::pin(sql_jobs::jobs(queries, before, limit)))
             .await
     }
 
     async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {
-        self.ask(|queries| Box::pin(sql::ended_jobs(queries))).await
+        self.ask(|queries| Box::pin(sql_jobs::ended_jobs(queries))).await
     }
 
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql::job_by_key(queries, key))).await
+        self.ask(move |queries| Box::pin(sql_jobs::job_by_key(queries, key)))
+            .await
     }
 
     async fn put_bundle(
@@ -479,21 +485,21 @@ impl StateStore for SqliteStore {
     async fn usage(&self, owner: String) -> Result<Usage, StoreError> {
         let jobs = "SELECT count(*) FILTER (WHERE ended_ms IS NULL),
             coalesce(sum(json_extract(coalesce(control, spec), '$.iterations')), 0) FROM job WHERE owner = ?1";
-        self.ask(move |queries| Box::pin(sql::usage(queries, jobs, owner)))
+        self.ask(move |queries| Box::pin(sql_tokens::usage(queries, jobs, owner)))
             .await
     }
 
     async fn put_token(&self, token: TokenRecord) -> Result<bool, StoreError> {
-        self.ask(move |queries| Box::pin(async move { sql::put_token(queries, &token).await }))
+        self.ask(move |queries| Box::pin(async move { sql_tokens::put_token(queries, &token).await }))
             .await
     }
 
     async fn tokens(&self) -> Result<Vec<TokenRecord>, StoreError> {
-        self.ask(|queries| Box::pin(sql::tokens(queries))).await
+        self.ask(|queries| Box::pin(sql_tokens::tokens(queries))).await
     }
 
     async fn remove_token(&self, name: String) -> Result<bool, StoreError> {
-        self.ask(move |queries| Box::pin(sql::remove_token(queries, name)))
+        self.ask(move |queries| Box::pin(sql_tokens::remove_token(queries, name)))
             .await
     }
 
@@ -534,6 +540,6 @@ impl StateStore for SqliteStore {
     }
 
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
-        self.ask(|queries| Box::pin(sql::live_images(queries))).await
+        self.ask(|queries| Box::pin(sql_pictures::live_images(queries))).await
     }
 }
