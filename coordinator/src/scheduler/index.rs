@@ -2,37 +2,13 @@
 //! how many wait for what. All of it follows from a few facts of each job; when a job changes, the index takes the old
 //! facts out and puts the new ones in.
 
+use super::demand::Demand;
 use super::job::Job;
-use super::record::{JobControl, Millis};
+use super::record::Millis;
 use super::table::{Set, Table};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobState;
-use std::collections::BTreeSet;
 use std::sync::Arc;
-
-/// What a job asks of its workers.
-#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Demand {
-    /// The renderer that it is bound to.
-    pub(super) renderer: Option<String>,
-    /// What they are to have.
-    pub(super) tags: BTreeSet<String>,
-}
-
-impl Demand {
-    /// What a job asks that goes on like this.
-    pub(super) fn of(control: &JobControl) -> Self {
-        Self {
-            renderer: control.renderer.clone(),
-            tags: control.schedule.tags.clone(),
-        }
-    }
-
-    /// Whether a worker with this renderer and these tags meets it.
-    pub(super) fn is_met_by(&self, renderer: &str, tags: &BTreeSet<String>) -> bool {
-        self.renderer.as_ref().is_none_or(|bound| bound == renderer) && self.tags.is_subset(tags)
-    }
-}
 
 /// What nobody at work on a job means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! One job: what is counted, what is lent, what failed.
 
-use super::index::Demand;
+use super::demand::Demand;
 use super::lent::Lent;
 use super::nodes::Nodes;
 use super::pace::Pace;
@@ -262,7 +262,7 @@ impl Job {
     /// Whether a node counts on its own.
     #[must_use]
     pub fn is_live(&self, node: NodeKey) -> bool {
-        self.nodes.live.get(&node.first()) == Some(&node)
+        self.nodes.is_live(node)
     }
 
     /// Iterations in the image.

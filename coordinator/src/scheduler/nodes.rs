@@ -1,7 +1,6 @@
 //! The nodes of a job as they are looked for: what is kept of each, and in which order they wait for what. Every change
 //! of a node, of a lease on it, or of how the job goes on keeps this up to date, so that nothing is searched for.
 
-use super::job::Job;
 use super::record::{NodeRecord, Principal};
 use super::table::{Set, Table};
 use photonfarm_proto::node::NodeKey;
@@ -48,6 +47,45 @@ impl Nodes {
         !self.unrepeated.is_empty()
     }
 
+    /// Whether a node counts on its own.
+    pub(super) fn is_live(&self, node: NodeKey) -> bool {
+        self.live.get(&node.first()) == Some(&node)
+    }
+
+    /// A node is kept from now on, and counts or not.
+    pub(super) fn keep(&mut self, node: NodeKey, record: NodeRecord) {
+        let live = record.live;
+        self.all.insert(node, record);
+        match live {
+            true => self.live.insert(node.first(), node),
+            false if self.is_live(node) => _ = self.live.remove(&node.first()),
+            false => {}
+        }
+    }
+
+    /// Takes a node that counts out of what nodes are found by; says whether it is `in_doubt`.
+    pub(super) fn drop_live(&mut self, node: NodeKey, in_doubt: bool) {
+        self.done -= node.leaves();
+        self.unread.remove(&node.first());
+        if in_doubt {
+            let place = self.place_of_doubt(node);
+            self.unrepeated.remove(&place);
+            self.doubts.remove(&node.first());
+        }
+    }
+
+    /// Puts a node that counts into what nodes are found by; says whether it is in doubt, and if so, whether it is
+    /// repeated.
+    pub(super) fn put_live(&mut self, node: NodeKey, repeated: Option<bool>) {
+        self.done += node.leaves();
+        self.unread.set(node.first(), self.all[&node].unread);
+        if let Some(repeated) = repeated {
+            self.doubts.insert(node.first(), node);
+            let place = self.place_of_doubt(node);
+            self.unrepeated.set(place, !repeated);
+        }
+    }
+
     /// Under what a node is found that nobody repeats.
     fn place_of_doubt(&self, node: NodeKey) -> (Option<Principal>, u64) {
         let one = match self.all[&node].opinions.as_slice() {
@@ -68,72 +106,6 @@ impl Nodes {
             let within: Vec<NodeKey> = within.map(|(key, _)| *key).collect();
             within.iter().for_each(|key| _ = self.all.remove(key));
         }
-    }
-}
-
-impl Job {
-    /// A node is kept from now on, and counts or not.
-    pub(super) fn keep_node(&mut self, node: NodeKey, record: NodeRecord) {
-        self.drop_from_indexes(node);
-        let live = record.live;
-        self.nodes.all.insert(node, record);
-        match live {
-            true => self.nodes.live.insert(node.first(), node),
-            false if self.is_live(node) => _ = self.nodes.live.remove(&node.first()),
-            false => {}
-        }
-        self.put_into_indexes(node);
-    }
-
-    /// A node and all within it are forgotten.
-    pub(super) fn forget_node(&mut self, node: NodeKey) {
-        self.drop_from_indexes(node);
-        self.nodes.forget(node);
-        self.nodes.live.remove(&node.first());
-        self.update_pair(node);
-        self.free_within(node);
-    }
-
-    /// Before a node that counts changes, or what it waits for.
-    pub(super) fn drop_from_indexes(&mut self, node: NodeKey) {
-        if !self.is_live(node) {
-            return;
-        }
-        self.nodes.done -= node.leaves();
-        self.nodes.unread.remove(&node.first());
-        if self.is_in_doubt(node) {
-            let place = self.nodes.place_of_doubt(node);
-            self.nodes.unrepeated.remove(&place);
-            self.nodes.doubts.remove(&node.first());
-        }
-    }
-
-    /// After a node changed, or what it waits for.
-    pub(super) fn put_into_indexes(&mut self, node: NodeKey) {
-        self.update_pair(node);
-        if !self.is_live(node) {
-            return;
-        }
-        self.nodes.done += node.leaves();
-        self.nodes.unread.set(node.first(), self.nodes.all[&node].unread);
-        if self.is_in_doubt(node) {
-            self.nodes.doubts.insert(node.first(), node);
-            let place = self.nodes.place_of_doubt(node);
-            self.nodes
-                .unrepeated
-                .set(place, self.repeated.on(node).next().is_none());
-        }
-    }
-
-    /// A node changed: whether it and its sibling can be merged.
-    pub(super) fn update_pair(&mut self, node: NodeKey) {
-        if node.level == NodeKey::MAX_LEVEL {
-            return;
-        }
-        let parent = node.parent();
-        let ready = [node, node.sibling()]
-            .into_iter()
-            .all(|child| self.is_live(child) && !self.waits(child));
-        self.nodes.pairs.set((parent.first(), parent.level), ready);
+        self.live.remove(&node.first());
     }
 }

@@ -1,6 +1,6 @@
 //! The workers that are registered, and those of them that are heard of, by what they can do.
 
-use super::index::Demand;
+use super::demand::Demand;
 use super::job::Job;
 use super::record::{Millis, Principal, Standing, WorkerRecord};
 use super::table::{Set, Table};

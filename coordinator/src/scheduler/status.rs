@@ -1,7 +1,7 @@
 //! How far a job has come, and why nobody is at work on it.
 
 use super::block::Taker;
-use super::index::Demand;
+use super::demand::Demand;
 use super::record::{FailedAttempt, Millis, Principal};
 use super::{Farm, Job};
 use photonfarm_proto::id::WorkerId;
