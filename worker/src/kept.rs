@@ -5,7 +5,7 @@
 
 use crate::cache::Cache;
 use crate::held::LeaseState;
-use crate::outbox::{Farewell, Parcel, Upload};
+use crate::parcel::{Farewell, Parcel, Upload};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::worker::{Lease, NodeUpload};
 use serde::{Deserialize, Serialize};

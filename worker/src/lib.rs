@@ -14,6 +14,7 @@ mod held;
 mod kept;
 mod notices;
 mod outbox;
+mod parcel;
 mod reach;
 mod render;
 pub mod transfer;

@@ -1,77 +1,23 @@
 //! Finished work on its way to the coordinator: kept until acknowledged.
 
 use crate::backoff::Backoff;
-use crate::block::Sum;
 use crate::cache::Cache;
 use crate::client::{Client, ClientError, reading_time, retry};
 use crate::held::{Held, LeaseState};
 use crate::kept;
-use bytes::Bytes;
-use photonfarm_proto::id::{BlobHash, WorkerId};
+use crate::parcel::{Farewell, Parcel, Upload};
 use photonfarm_proto::job::FailureKind;
-use photonfarm_proto::node::{self, NodeKey};
+use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Lease, NodePlace, NodeReply, NodeUpload, Release, cut_text, frame_upload,
 };
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 /// Attempts at a node that the coordinator refuses as damaged: bits may fall over on the way.
 const DAMAGED_ATTEMPTS: u32 = 4;
-
-/// What remains to be said of a lease.
-pub(crate) struct Parcel {
-    pub(crate) lease: Lease,
-    pub(crate) state: Arc<LeaseState>,
-    pub(crate) uploads: Vec<Upload>,
-    pub(crate) farewell: Farewell,
-    /// Whether nodes go to the object store rather than through the coordinator.
-    pub(crate) stores: bool,
-}
-
-/// A node, encoded and hashed once.
-pub(crate) struct Upload {
-    pub(crate) announced: NodeUpload,
-    pub(crate) image: Bytes,
-}
-
-/// The last word on a lease.
-pub(crate) enum Farewell {
-    /// The nodes say it all.
-    Nothing,
-    /// Take it back.
-    Release,
-    /// A leaf failed.
-    Failure(FailureReport),
-}
-
-/// Encodes sums and hashes their images.
-pub(crate) fn encode(worker: WorkerId, lease: &Lease, sums: Vec<Sum>) -> Vec<Upload> {
-    let upload = |Sum { node, totals }: Sum| {
-        let image = node::encode_node(lease.job, &node);
-        let announced = NodeUpload {
-            token: lease.token,
-            worker,
-            job: lease.job,
-            node: NodeKey {
-                level: node.level,
-                index: node.index,
-            },
-            width: node.width,
-            height: node.height,
-            digest: BlobHash::of(&image),
-            totals,
-        };
-        Upload {
-            announced,
-            image: image.into(),
-        }
-    };
-    sums.into_iter().map(upload).collect()
-}
 
 /// Whether work was left on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -262,7 +208,7 @@ async fn send(
     stop: &CancellationToken,
 ) -> Result<(), ClientError> {
     let mut body = frame_upload(&upload.announced)?;
-    body.extend_from_slice(&upload.image[node::NodeHeader::BYTES..]);
+    body.extend_from_slice(&upload.image[NodeHeader::BYTES..]);
     let request = client.post("worker/nodes", body, Duration::ZERO)?;
     let what = delivery_of(&upload.announced);
     retry(stop, &what, || async {

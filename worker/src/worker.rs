@@ -8,7 +8,8 @@ use crate::credentials::Credentials;
 use crate::drain::Stop;
 use crate::held::{Abandon, Held, LeaseState};
 use crate::notices::Notices;
-use crate::outbox::{self, Courier, Farewell, Kept, Parcel, Upload};
+use crate::outbox::{Courier, Kept};
+use crate::parcel::{self, Farewell, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
@@ -370,7 +371,7 @@ impl Worker {
             let deadline = Deadline::new(ends, Instant::now());
             let render = || render_block(&*scene, &spec, lease.node, before, &state, &steps, deadline);
             let (sums, ending) = pool.install(render);
-            (outbox::encode(lease.worker, &lease, sums), ending)
+            (parcel::encode(lease.worker, &lease, sums), ending)
         };
         let rendered = tokio::select! {
             rendered = tokio::task::spawn_blocking(work) => rendered,
