@@ -28,7 +28,7 @@ async fn command(command: TokenCommand) -> Result<()> {
                     iterations: args.most_iterations,
                 },
             };
-            let made = Place::open(&args.place).await?.create(request).await?;
+            let made = TokenStore::open(&args.place).await?.create(request).await?;
             say::line(&made.token)?;
             say::tell(format_args!(
                 "the token {:?} with the role `{}`: keep it, it is not shown again",
@@ -36,11 +36,11 @@ async fn command(command: TokenCommand) -> Result<()> {
             ));
         }
         TokenCommand::List { place } => {
-            for token in Place::open(&place).await?.list().await? {
+            for token in TokenStore::open(&place).await?.list().await? {
                 say::line(line(&token))?;
             }
         }
-        TokenCommand::Revoke { name, place } => Place::open(&place).await?.revoke(&name).await?,
+        TokenCommand::Revoke { name, place } => TokenStore::open(&place).await?.revoke(&name).await?,
     }
     Ok(())
 }
@@ -64,12 +64,12 @@ fn line(token: &TokenStatus) -> String {
 }
 
 /// Where the tokens are.
-enum Place {
+enum TokenStore {
     Farm(Client),
     State(Tokens),
 }
 
-impl Place {
+impl TokenStore {
     async fn open(place: &TokenPlace) -> Result<Self> {
         let given = place.data.as_ref().map(|data| Config::new(data).state);
         match (given, &place.coordinator, &place.state) {

@@ -4,7 +4,7 @@
 
 mod body;
 mod deadline;
-mod places;
+mod slots;
 mod tls;
 
 pub(crate) use tls::Certificates;
@@ -19,7 +19,7 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use places::Places;
+use slots::Slots;
 use std::net::{IpAddr, SocketAddr};
 use std::pin::pin;
 use std::sync::Arc;
@@ -97,16 +97,16 @@ pub(crate) struct Server {
 impl Server {
     /// Takes connections, so many at once, until the service stops; returns when the last has ended.
     pub(crate) async fn run(self, listener: TcpListener) {
-        let places = Arc::new(Semaphore::new(self.connections));
-        let of_address = Places::new(self.connections_per_address);
+        let slots = Arc::new(Semaphore::new(self.connections));
+        let of_address = Slots::new(self.connections_per_address);
         let tracker = TaskTracker::new();
         let mut stopping = self.stopping.clone();
         loop {
             let next = async {
-                let place = places.clone().acquire_owned().await;
-                (place, listener.accept().await)
+                let slot = slots.clone().acquire_owned().await;
+                (slot, listener.accept().await)
             };
-            let (place, accepted) = tokio::select! {
+            let (slot, accepted) = tokio::select! {
                 next = next => next,
                 _ = stopping.wait_for(|stop| *stop) => break,
             };
@@ -120,7 +120,7 @@ impl Server {
                     let server = self.clone();
                     tracker.spawn(async move {
                         server.connection(stream, peer).await;
-                        drop((place, of_address));
+                        drop((slot, of_address));
                     });
                 }
                 Err(error) => {

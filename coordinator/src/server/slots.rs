@@ -5,20 +5,20 @@ use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Places of each address.
+/// The slots of each address: so many connections may it have at once.
 #[derive(Clone)]
-pub(super) struct Places {
+pub(super) struct Slots {
     most: usize,
     taken: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
-/// A place that is free again when it is dropped.
-pub(super) struct Place {
+/// A slot that is free again when it is dropped.
+pub(super) struct Slot {
     address: IpAddr,
     taken: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
-impl Places {
+impl Slots {
     pub(super) fn new(most: usize) -> Self {
         Self {
             most,
@@ -26,8 +26,8 @@ impl Places {
         }
     }
 
-    /// A place for a connection from this address, if it has one left.
-    pub(super) fn take(&self, peer: IpAddr) -> Option<Place> {
+    /// A slot for a connection from this address, if it has one left.
+    pub(super) fn take(&self, peer: IpAddr) -> Option<Slot> {
         let address = network(peer);
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         let number = taken.entry(address).or_default();
@@ -35,14 +35,14 @@ impl Places {
             return None;
         }
         *number += 1;
-        Some(Place {
+        Some(Slot {
             address,
             taken: self.taken.clone(),
         })
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(number) = taken.get_mut(&self.address) {
@@ -59,9 +59,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_address_has_its_places() {
-        let places = Places::new(2);
-        let take = |address: &str| places.take(address.parse().unwrap());
+    fn each_address_has_its_slots() {
+        let slots = Slots::new(2);
+        let take = |address: &str| slots.take(address.parse().unwrap());
         let first = take("10.0.0.1");
         let second = take("::ffff:10.0.0.1");
         assert!(first.is_some() && second.is_some() && take("10.0.0.1").is_none());
@@ -70,7 +70,7 @@ mod tests {
         assert!(take("10.0.0.1").is_some());
         drop(second);
         assert!(
-            places.taken.lock().unwrap().is_empty(),
+            slots.taken.lock().unwrap().is_empty(),
             "nothing is remembered of who has gone"
         );
     }
