@@ -80,7 +80,7 @@ impl LoadedScene for CoreScene {
             return Some(BandwidthRange { sigma, theta: None });
         }
         let bandwidth = integrator::bandwidth(&self.0, settings, iteration)?;
-        let has_angle = matches!(settings, IntegratorSettings::Pcf(_));
+        let has_angle = settings.integrator().has_angle();
         Some(BandwidthRange::one(
             bandwidth.sigma,
             has_angle.then_some(bandwidth.theta),

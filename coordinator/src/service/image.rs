@@ -6,7 +6,6 @@ use crate::store::BlobReader;
 use axum::body::Bytes;
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::{self, PictureMetadata};
-use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_core::tree::Average;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -160,7 +159,7 @@ fn metadata(job: &Job) -> PictureMetadata {
     let spec = &job.head().spec;
     let bandwidth = job.totals().bandwidth;
     let integrator = job.integrator().unwrap_or(spec.integrator.with_defaults());
-    let has_angle = matches!(integrator, IntegratorSettings::Pcf(_));
+    let has_angle = integrator.integrator().has_angle();
     PictureMetadata {
         version: VERSION.to_owned(),
         renderer: job.control().renderer.clone().unwrap_or_default(),

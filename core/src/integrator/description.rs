@@ -65,6 +65,12 @@ impl Integrator {
         self.settings.iter().find(|setting| setting.name == name)
     }
 
+    /// Whether its kernels have a width in angle as well as one in space: the setting `theta1` says how wide they begin.
+    #[must_use]
+    pub fn has_angle(&self) -> bool {
+        self.setting("theta1").is_some()
+    }
+
     /// Its default settings.
     #[must_use]
     pub fn defaults(&self) -> IntegratorSettings {
