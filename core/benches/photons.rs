@@ -4,17 +4,17 @@
 //!
 //! `divan` prints items per second: light paths, records, queries or pixels, as the benchmark's name says.
 
+#[path = "../tests/scenes/mod.rs"]
+mod scenes;
+
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::map::{Reach, Record, RecordMap};
 use photonfarm_core::math::{PI, Vec2, Vec3};
 use photonfarm_core::random::{PathRandom, Sampling, Stream};
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
 use photonfarm_core::spectrum::Spectrum;
-use std::collections::BTreeMap;
-use std::path::Path;
 
 fn main() {
     divan::main();
@@ -29,13 +29,6 @@ fn on_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
         .build()
         .expect("a pool")
         .install(work)
-}
-
-fn load(name: &str, resolution: u32) -> Scene {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-    let defines = BTreeMap::from([("res".to_owned(), resolution.to_string())]);
-    let files = SceneFolder::new(&folder).expect("the scenes are there");
-    Scene::load(&files, name, &defines, &Limits::default()).expect("the scene loads")
 }
 
 /// Drawing the first 24 numbers of a path, in singles and pairs, on one thread; items are numbers.
@@ -59,7 +52,7 @@ fn random_numbers(bencher: Bencher, sampling: Sampling) {
 #[divan::bench(args = THREADS, sample_count = 5)]
 fn trace_light_paths(bencher: Bencher, threads: usize) {
     const PATHS: u32 = 400_000;
-    let scene = load("mirror-glass.xml", 1);
+    let scene = scenes::named("mirror-glass", 1);
     let settings = PppmSettings {
         photons: PATHS,
         sigma1: Some(0.02),
@@ -135,7 +128,7 @@ fn query_map(bencher: Bencher) {
 #[divan::bench(args = ["path", "pppm", "pcf"], sample_count = 5)]
 fn iteration(bencher: Bencher, integrator: &str) {
     const RESOLUTION: u32 = 256;
-    let scene = load("mirror-glass.xml", RESOLUTION);
+    let scene = scenes::named("mirror-glass", RESOLUTION);
     let settings = match integrator {
         "path" => IntegratorSettings::Path(PathSettings {
             samples: 1,

@@ -3,27 +3,21 @@
 //! Seeds are fixed, so a test that passes once passes always. Ratios are of means over pixels and seeds: the error of a ratio
 //! is some 3 %, more where the pixels of one picture depend on each other, as those that share photons do.
 
+mod scenes;
+
 use photonfarm_core::film::{Image, Node};
 use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings, SppmSettings};
 use photonfarm_core::tree::Average;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::Path;
 
 const SEEDS: u64 = 32;
 /// Pixels across and down.
 const SIZE: usize = 12;
 const PHOTONS: u32 = 1000;
-
-fn scene(name: &str) -> Scene {
-    let files = SceneFolder::new(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes")).unwrap();
-    let defines = BTreeMap::from([("res".to_owned(), SIZE.to_string())]);
-    Scene::load(&files, &format!("{name}.xml"), &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
-}
 
 fn settings(integrator: &str, sampling: Sampling) -> IntegratorSettings {
     let pppm = PppmSettings {
@@ -95,7 +89,7 @@ fn stated_over_true(pictures: &[Image]) -> [f64; 2] {
 fn check(cases: &[(&str, &str)], sampling: Sampling, allowed: Range<f64>) {
     let mut worst = Vec::new();
     for (name, integrator) in cases {
-        let (scene, settings) = (scene(name), settings(integrator, sampling));
+        let (scene, settings) = (scenes::named(name, SIZE as u32), settings(integrator, sampling));
         let jobs: Vec<Vec<Image>> = (1..=SEEDS)
             .into_par_iter()
             .map(|seed| pictures(&scene, &settings, seed))

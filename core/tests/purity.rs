@@ -1,28 +1,24 @@
 //! An iteration is a pure function: the same bits with any number of threads and on any run.
 
-use photonfarm_core::integrator::{INTEGRATORS, Unobserved, render_iteration, render_next};
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
-use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PcfSettings, PppmSettings, SppmSettings};
-use std::collections::BTreeMap;
-use std::path::Path;
+mod scenes;
 
-fn load(name: &str) -> Scene {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-    let defines = BTreeMap::from([("res".to_owned(), "24".to_owned())]);
-    Scene::load(&SceneFolder::new(&folder).unwrap(), name, &defines, &Limits::default()).unwrap()
-}
+use photonfarm_core::integrator::{INTEGRATORS, Unobserved, render_iteration, render_next};
+use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PcfSettings, PppmSettings, SppmSettings};
+
+/// Pixels across and down.
+const SIZE: u32 = 24;
 
 /// The bits of iteration 3, on a scene built and rendered with `threads` threads.
 fn bits(name: &str, settings: &IntegratorSettings, threads: usize) -> Vec<[u32; 3]> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let image = pool
-        .install(|| render_iteration(&load(name), settings, 42, 3, &Unobserved))
+        .install(|| render_iteration(&scenes::named(name, SIZE), settings, 42, 3, &Unobserved))
         .unwrap();
     image.pixels.iter().map(|p| p.to_rgb().map(f32::to_bits)).collect()
 }
 
 fn check(settings: &IntegratorSettings) {
-    for scene in ["mirror-glass.xml", "environment.xml"] {
+    for scene in ["mirror-glass", "environment"] {
         let one = bits(scene, settings, 1);
         assert!(
             one.iter().any(|p| p.iter().any(|c| *c != 0)),
@@ -54,7 +50,7 @@ fn an_sppm_chain_has_the_same_bits_with_any_number_of_threads_and_wherever_it_is
         photons: 10_000,
         ..Default::default()
     }));
-    let scene = load("mirror-glass.xml");
+    let scene = scenes::named("mirror-glass", SIZE);
     let chain = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut before = Vec::new();

@@ -10,17 +10,17 @@
 //! the phases of an iteration are wall-clock time and mean something on an idle machine alone. It runs on Linux.
 
 mod baselines;
+#[path = "../../tests/scenes/mod.rs"]
+mod scenes;
 
 use baselines::{Grid, KdTree};
 use photonfarm_core::integrator::pcf::workload::Workload;
 use photonfarm_core::integrator::{Observer, Phase, render_iteration};
 use photonfarm_core::map::{Candidates, Place, Reach, Record, RecordMap};
 use photonfarm_core::math::Vec3;
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PcfSettings};
 use photonfarm_core::spectrum::Spectrum;
-use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -152,13 +152,6 @@ fn assert_same(a: &Row, b: &Row) {
     }
 }
 
-fn load(name: &str) -> Scene {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-    let defines = BTreeMap::from([("res".to_owned(), RESOLUTION.to_string())]);
-    let files = SceneFolder::new(&folder).expect("the scenes are there");
-    Scene::load(&files, name, &defines, &Limits::default()).expect("the scene loads")
-}
-
 /// The thesis's bandwidth: sigma_1 is 0.1 in a room of size 2, theta_1 18 degrees.
 fn settings(scene: &Scene, light_paths: u32, k: u32, samplers: &[DirectionSampler]) -> PcfSettings {
     PcfSettings {
@@ -276,7 +269,7 @@ fn scaling(name: &str, scene: &Scene, settings: &PcfSettings) {
 fn main() {
     let light_paths = std::env::args().find_map(|a| a.parse().ok()).unwrap_or(LIGHT_PATHS);
     println!("{light_paths} light paths per iteration, {RESOLUTION} x {RESOLUTION} pixels");
-    let scenes = ["diffuse-box.xml", "mirror-glass.xml"].map(|name| (name, load(name)));
+    let scenes = ["diffuse-box", "mirror-glass"].map(|name| (name, scenes::named(name, RESOLUTION)));
     let structures = !std::env::args().any(|argument| argument == "phases");
     for (name, scene) in scenes.iter().filter(|_| structures) {
         for (k, samplers) in [(1, BSDF), (1, CAMERA), (2, BSDF)] {
