@@ -3,11 +3,10 @@
 //!
 //!     cargo bench -p photonfarm-tests --bench farm_overhead [-- SCENE]
 
-use photonfarm_core::integrator::{Unobserved, render_iteration};
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::scene::SceneFolder;
 use photonfarm_core::settings::{IntegratorSettings, PppmSettings};
 use photonfarm_tests::processes::{Coordinator, photonfarm, scene};
-use std::collections::BTreeMap;
+use photonfarm_tests::{render, scenes};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -43,7 +42,7 @@ fn main() {
 fn alone(path: &Path) -> f64 {
     let files = SceneFolder::new(path.parent().expect("a folder")).expect("the folder is there");
     let name = path.file_name().and_then(|n| n.to_str()).expect("a UTF-8 name");
-    let scene = Scene::load(&files, name, &BTreeMap::new(), &Limits::default()).expect("the scene loads");
+    let scene = scenes::load(&files, name, &[]).expect("the scene loads");
     let max_depth = scene.wishes.max_depth;
     let settings = IntegratorSettings::Pppm(PppmSettings {
         max_depth,
@@ -52,8 +51,8 @@ fn alone(path: &Path) -> f64 {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("a pool");
     let started = Instant::now();
     pool.install(|| {
-        for iteration in 1..=ITERATIONS {
-            render_iteration(&scene, &settings, 0, iteration, &Unobserved).expect("the iteration renders");
+        for iteration in render::iterations(&scene, &settings, 0, ITERATIONS) {
+            iteration.expect("the iteration renders");
         }
     });
     started.elapsed().as_secs_f64()

@@ -4,5 +4,6 @@ pub mod farm;
 pub mod fuzz;
 pub mod processes;
 pub mod proxy;
+pub mod render;
 pub mod scenes;
 pub mod statistics;

@@ -1,5 +1,6 @@
 //! Real processes on this machine: coordinators, workers, and the command line.
 
+use crate::scenes;
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::job::JobStatus;
 use std::ffi::OsStr;
@@ -19,7 +20,7 @@ const OF_THE_PACKAGE: [&str; 2] = ["CARGO_PKG_", "CARGO_MANIFEST_"];
 /// The folder of small scenes.
 #[must_use]
 pub fn scene(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+    scenes::folder().join(name)
 }
 
 /// A program of the workspace, built in the profile of the running test.
@@ -273,6 +274,15 @@ impl Drop for Process {
 /// Where it cannot be started.
 pub fn photonfarm<S: AsRef<OsStr>>(arguments: &[S]) -> Output {
     command("photonfarm", arguments).output().expect("photonfarm starts")
+}
+
+/// What a program printed that ended well, without white space around it.
+///
+/// # Panics
+/// Where it failed, with what it said.
+pub fn printed(output: &Output) -> String {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).trim().to_owned()
 }
 
 fn command<S: AsRef<OsStr>>(name: &str, arguments: &[S]) -> Command {

@@ -7,10 +7,12 @@
 
 use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     BdptSettings, IntegratorSettings, LightSettings, PathSettings, Technique, VcmSettings,
 };
+use photonfarm_tests::render::luminance_by_length;
+use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::{Moments, ZTest, student_quantile};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -133,21 +135,12 @@ fn room(sensor: &str, light: &str, more: &str) -> Scene {
         ("scene.xml".to_owned(), xml.clone().into_bytes()),
         ("ball.obj".to_owned(), coarse_ball().into_bytes()),
     ]);
-    Scene::load(&files, "scene.xml", &BTreeMap::new(), &Limits::default())
-        .unwrap_or_else(|faults| panic!("{faults}\n{xml}"))
+    scenes::load(&files, "scene.xml", &[]).unwrap_or_else(|faults| panic!("{faults}\n{xml}"))
 }
 
 /// Mean luminance of each path length in one iteration; `settings` makes settings of a `max_depth`.
 fn lengths(scene: &Scene, seed: u64, iteration: u32, settings: &dyn Fn(u32) -> IntegratorSettings) -> Vec<f64> {
-    let mut shorter = 0.0;
-    (1..=LONGEST)
-        .map(|depth| {
-            let image = render_iteration(scene, &settings(depth), seed, iteration, &Unobserved).expect("it renders");
-            let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum();
-            let upto = sum / image.pixels.len() as f64;
-            upto - std::mem::replace(&mut shorter, upto)
-        })
-        .collect()
+    luminance_by_length(scene, seed, iteration, LONGEST, settings).expect("it renders")
 }
 
 fn truth(scene: &Scene) -> Moments {

@@ -3,43 +3,34 @@
 //! The mean of the image over many iterations is compared with the closed form by a z-test with false-alarm rate
 //! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always.
 
-use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings, SppmSettings,
 };
-use photonfarm_tests::scenes;
+use photonfarm_tests::render::{self, mean_luminance};
+use photonfarm_tests::scenes::{self, View};
 use photonfarm_tests::statistics::{Moments, ZTest};
 
 /// Probability with which a comparison of equal means fails.
 const FALSE_ALARMS: f64 = 1e-4;
 
 fn load(shapes: &str, fov: f32, origin: &str, target: &str) -> Scene {
-    let xml = format!(
-        r#"<scene version="3.0.0">
-            <sensor type="perspective">
-                <float name="fov" value="{fov}"/>
-                <transform name="to_world"><lookat origin="{origin}" target="{target}" up="0, 1, 0"/></transform>
-                <film type="hdrfilm">
-                    <integer name="width" value="8"/><integer name="height" value="8"/><rfilter type="box"/>
-                </film>
-            </sensor>
-            {shapes}
-        </scene>"#
-    );
-    scenes::of_text(&xml).expect("the scene loads")
+    let view = View {
+        origin,
+        target,
+        up: "0, 1, 0",
+        fov,
+        resolution: [8, 8],
+    };
+    scenes::seen(&view, shapes).expect("the scene loads")
 }
 
 /// Holds the mean radiance of the image against `expected`, which the kernels' bias may miss by the share `bias`.
 fn check(scene: &Scene, settings: &IntegratorSettings, iterations: u32, expected: f64, bias: f64) {
     let mut moments = Moments::default();
-    let mut statistics = Vec::new();
-    for i in 1..=iterations {
-        let image = render_next(scene, settings, 11, i, &statistics, &Unobserved).expect("the iteration renders");
-        statistics = image.statistics;
-        let sum: f64 = image.pixels.iter().map(|p| f64::from(p.luminance())).sum();
-        moments.push(&[sum / image.pixels.len() as f64]);
+    for image in render::iterations(scene, settings, 11, iterations) {
+        moments.push(&[mean_luminance(&image.expect("the iteration renders").pixels)]);
     }
     let mean = moments.mean()[0];
     let nearest = expected * (mean / expected).clamp(1.0 - bias, 1.0 + bias);

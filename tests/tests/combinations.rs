@@ -8,14 +8,15 @@
 //! then every value of a setting, and every pair of values, by the mean over all combinations that have it. The noisiest pair has a standard
 //! error of 11 %: this notices light that is lost or counted twice; smaller shares are noticed by `techniques.rs`. Seeds are fixed, so a test that passes once passes always.
 
-use photonfarm_core::integrator::{Unobserved, render_next};
+use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
     SppmSettings,
 };
-use photonfarm_tests::scenes;
+use photonfarm_tests::render::{self, mean_luminance};
+use photonfarm_tests::scenes::{self, View};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -48,37 +49,32 @@ fn furnace() -> Scene {
     let lamp = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
         <emitter type="area"><rgb name="radiance" value="1"/></emitter>"#;
     let glossy = r#"<bsdf type="roughconductor"><float name="alpha" value="0.05"/></bsdf>"#;
-    let xml = format!(
-        r#"<scene version="3.0.0">
-            <sensor type="perspective">
-                <float name="fov" value="56"/>
-                <transform name="to_world"><lookat origin="0, 0, 0.3" target="0, 0, -1" up="0, 1, 0"/></transform>
-                <film type="hdrfilm">
-                    <integer name="width" value="6"/><integer name="height" value="3"/><rfilter type="box"/>
-                </film>
-            </sensor>
-            <shape type="sphere"><boolean name="flip_normals" value="true"/>{lamp}</shape>
-            {}{}{}
-        </scene>"#,
+    let objects = format!(
+        r#"<shape type="sphere"><boolean name="flip_normals" value="true"/>{lamp}</shape>{}{}{}"#,
         strip(-0.9, -0.15, r#"<bsdf type="conductor"/>"#),
         strip(-0.15, 0.15, glossy),
         strip(0.15, 0.9, lamp),
     );
-    scenes::of_text(&xml).expect("the scene loads")
+    let view = View {
+        origin: "0, 0, 0.3",
+        target: "0, 0, -1",
+        up: "0, 1, 0",
+        fov: 56.0,
+        resolution: [6, 3],
+    };
+    scenes::seen(&view, &objects).expect("the scene loads")
 }
 
 /// Mean luminance of the last of `iterations` iterations over the truth.
 fn ratio(scene: &Scene, settings: &IntegratorSettings, seed: u64, iterations: u32) -> f64 {
-    let first = if settings.is_sequential() { 1 } else { iterations };
-    let (mut statistics, mut mean) = (Vec::new(), 0.0);
-    for iteration in first..=iterations {
-        let image = render_next(scene, settings, seed, iteration, &statistics, &Unobserved)
-            .unwrap_or_else(|e| panic!("{settings:?}: {e}"));
-        statistics = image.statistics;
-        let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum();
-        mean = sum / image.pixels.len() as f64;
-    }
-    mean / RADIANCE
+    let last = match settings.is_sequential() {
+        true => render::iterations(scene, settings, seed, iterations).last(),
+        false => Some(render_iteration(scene, settings, seed, iterations, &Unobserved)),
+    };
+    let image = last
+        .expect("there is an iteration")
+        .unwrap_or_else(|e| panic!("{settings:?}: {e}"));
+    mean_luminance(&image.pixels) / RADIANCE
 }
 
 /// Mean of values and the sum of their squared deviations from it.

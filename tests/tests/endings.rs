@@ -3,7 +3,9 @@
 
 use photonfarm_proto::api::Health;
 use photonfarm_proto::job::JobState;
-use photonfarm_tests::processes::{Coordinator, Launch, Process, get, jobs, photonfarm, scene, serve, wait_for};
+use photonfarm_tests::processes::{
+    Coordinator, Launch, Process, get, jobs, photonfarm, printed, scene, serve, wait_for,
+};
 use photonfarm_tests::proxy::refuse_bodies_beyond;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -40,11 +42,6 @@ fn command(arguments: &[&str]) -> Command {
 /// Runs a command on a farm and returns what it prints.
 fn on_farm(coordinator: &Coordinator, arguments: &[&str]) -> Output {
     photonfarm(&[arguments, &["--coordinator", &coordinator.url]].concat())
-}
-
-fn printed(output: &Output) -> String {
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8_lossy(&output.stdout).trim().to_owned()
 }
 
 #[test]
@@ -378,12 +375,8 @@ fn certificates_that_are_not_trusted_are_explained_and_the_recipe_of_the_documen
     let folder = tempfile::tempdir().unwrap();
     let shell = |script: &str| {
         let mut shell = Command::new("bash");
-        let output = shell
-            .args(["-euc", script])
-            .current_dir(folder.path())
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        shell.args(["-euc", script]).current_dir(folder.path());
+        printed(&shell.output().unwrap());
     };
     shell(&recipe("A certificate of your own"));
     shell(

@@ -4,14 +4,13 @@
 //! `FALSE_ALARMS`; seeds are fixed, so a test that passes once passes always. Sampling is independent where the noise is
 //! measured over the iterations of one job; under Sobol' sampling, where these depend on each other, it is measured over seeds.
 
-use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene, SceneFiles};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
 };
-use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::{Moments, ZTest};
+use photonfarm_tests::{render, scenes};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
@@ -28,16 +27,11 @@ fn load(name: &str) -> Scene {
     scenes::named(name, SIZE).expect("the scene loads")
 }
 
-fn load_from(files: &dyn SceneFiles, name: &str) -> Scene {
-    let defines = BTreeMap::from([("res".to_owned(), SIZE.to_string())]);
-    Scene::load(files, name, &defines, &Limits::default()).unwrap_or_else(|e| panic!("{e}"))
-}
-
 /// Means of luminance over blocks of pixels, over iterations `1..=iterations`.
 fn measure(scene: &Scene, settings: &IntegratorSettings, seed: u64, iterations: u32) -> Moments {
     let mut moments = Moments::default();
-    for i in 1..=iterations {
-        let image = render_iteration(scene, settings, seed, i, &Unobserved).expect("the iteration renders");
+    for image in render::iterations(scene, settings, seed, iterations) {
+        let image = image.expect("the iteration renders");
         let mut blocks = vec![0.0; (SIZE / BLOCK) * (SIZE / BLOCK)];
         for (index, pixel) in image.pixels.iter().enumerate() {
             let (x, y) = (index % SIZE / BLOCK, index / SIZE / BLOCK);
@@ -56,6 +50,16 @@ fn measure_over_seeds(scene: &Scene, settings: &IntegratorSettings, seeds: std::
         moments.push(one.mean());
     }
     moments
+}
+
+/// Holds an estimate against the truth: they agree, the noise of a block is below the share `noise`, and the mean of the image is off by less
+/// than 2 %.
+fn check_means(settings: &IntegratorSettings, estimate: &Moments, truth: &Moments, noise: f64) {
+    let test = ZTest::compare(estimate, truth, FALSE_ALARMS);
+    println!("{}: {test:?}", settings.name());
+    assert!(test.passes(), "{settings:?}: {test:?}");
+    assert!(test.relative_noise < noise, "the test has power: {test:?}");
+    assert!(test.relative_difference.abs() < 0.02, "{test:?}");
 }
 
 fn reference(scene: &Scene, max_depth: u32) -> Moments {
@@ -201,14 +205,7 @@ fn coated_surfaces_agree_with_path_tracing() {
         cones(LookupVertex::Auto, true),
         cones(LookupVertex::Fixed(2), false),
     ] {
-        let estimate = measure(&scene, &settings, 2, 40);
-        let test = ZTest::compare(&estimate, &truth, FALSE_ALARMS);
-        println!("{}: {test:?}", settings.name());
-        assert!(test.passes(), "{settings:?}: {test:?}");
-        assert!(
-            test.relative_noise < 0.06 && test.relative_difference.abs() < 0.02,
-            "{test:?}"
-        );
+        check_means(&settings, &measure(&scene, &settings, 2, 40), &truth, 0.06);
     }
 }
 
@@ -258,7 +255,7 @@ fn a_lens_has_camera_connections() {
                 <float name='focus_distance' value='4'/>";
     assert!(text.contains(pinhole));
     let files = BTreeMap::from([("main.xml".to_owned(), text.replace(pinhole, lens).into_bytes())]);
-    check_camera_connections(&load_from(&files, "main.xml"));
+    check_camera_connections(&scenes::load(&files, "main.xml", &[("res", SIZE as u32)]).expect("the scene loads"));
 }
 
 #[test]
@@ -282,13 +279,9 @@ fn low_discrepancy_numbers_agree_with_independent_ones() {
         ..Default::default()
     });
     for settings in [path, pppm(0.01, DEPTH), pcf(0.04, 10.0, LookupVertex::Auto, DEPTH)] {
-        let estimate = measure_over_seeds(&scene, &with(settings), 100..124);
-        let test = ZTest::compare(&estimate, &MIRROR_GLASS, FALSE_ALARMS);
-        assert!(test.passes(), "{test:?}");
-        assert!(
-            test.relative_noise < 0.05 && test.relative_difference.abs() < 0.02,
-            "{test:?}"
-        );
+        let settings = with(settings);
+        let estimate = measure_over_seeds(&scene, &settings, 100..124);
+        check_means(&settings, &estimate, &MIRROR_GLASS, 0.05);
     }
 }
 
@@ -342,16 +335,9 @@ fn a_coarse_mesh_with_smooth_normals_agrees_with_path_tracing() {
         ("glass.obj".to_owned(), globe([0.42, 0.42, 0.3], 0.38).into_bytes()),
         ("clay.obj".to_owned(), globe([-0.42, 0.45, -0.3], 0.45).into_bytes()),
     ]);
-    let scene = load_from(&files, "main.xml");
+    let scene = scenes::load(&files, "main.xml", &[("res", SIZE as u32)]).expect("the scene loads");
     let truth = reference(&scene, DEPTH);
     for settings in [pppm(0.01, DEPTH), pcf(0.03, 8.0, LookupVertex::Auto, DEPTH)] {
-        let estimate = measure(&scene, &settings, 2, 60);
-        let test = ZTest::compare(&estimate, &truth, FALSE_ALARMS);
-        println!("{}: {test:?}", settings.name());
-        assert!(test.passes(), "{settings:?}: {test:?}");
-        assert!(
-            test.relative_noise < 0.05 && test.relative_difference.abs() < 0.02,
-            "{test:?}"
-        );
+        check_means(&settings, &measure(&scene, &settings, 2, 60), &truth, 0.05);
     }
 }

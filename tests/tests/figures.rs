@@ -1,5 +1,6 @@
 //! The figures of docs/results in their small version: they are written, and show what they are to show.
 
+use photonfarm_tests::processes::printed;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -33,7 +34,7 @@ fn small_figures_show_what_they_are_to_show() {
         .env_remove("PHOTONFARM_SCENES")
         .output()
         .expect("the program starts");
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    printed(&run);
     let in_folder = |name: &str| folder.path().join(name);
 
     // Aimed cones have less variance at equal numbers of cones; techniques that are alike would pass with probability 0.001 each.

@@ -2,7 +2,7 @@
 
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::{self, PictureMetadata};
-use photonfarm_tests::processes::{Coordinator, Process, photonfarm, scene};
+use photonfarm_tests::processes::{Coordinator, Process, photonfarm, printed, scene};
 use std::fs;
 use std::path::Path;
 
@@ -158,8 +158,7 @@ fn a_picture_is_repeated_and_what_cannot_repeat_it_is_refused() {
     let render = |output: &Path, more: &[&str]| {
         let scene = path("a.xml");
         let arguments = [&["render", text(&scene), "-o", text(output)], more].concat();
-        let output = photonfarm(&arguments);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        printed(&photonfarm(&arguments));
     };
     render(&first, &options);
     render(&again, &["--from", text(&first)]);

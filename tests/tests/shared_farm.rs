@@ -4,7 +4,7 @@
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_test_servers::{Postgres, S3};
 use photonfarm_tests::farm::balance;
-use photonfarm_tests::processes::{Process, get, jobs, photonfarm, scene, serve_with, wait_for};
+use photonfarm_tests::processes::{Process, get, jobs, photonfarm, printed, scene, serve_with, wait_for};
 
 const ITERATIONS: u64 = 24;
 const JOB: [&str; 10] = [
@@ -31,8 +31,9 @@ fn two_coordinators_share_a_farm_and_one_may_be_killed() {
     let scene = scene("environment.xml");
     let scene = scene.to_str().unwrap();
     let alone = path("alone.exr");
-    let output = photonfarm(&[["render", scene, "-o", &alone].as_slice(), &JOB].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    printed(&photonfarm(
+        &[["render", scene, "-o", &alone].as_slice(), &JOB].concat(),
+    ));
 
     let (postgres, s3) = (Postgres::start(), S3::start());
     let (state, blobs) = (postgres.database(), s3.url("farm"));

@@ -1,8 +1,8 @@
 //! Scenes made by others load unchanged. Their folder is not part of the project: `PHOTONFARM_SCENES` names it.
 
-use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFaults, SceneFiles, SceneFolder};
+use photonfarm_core::scene::{RecordedFiles, SceneFolder};
 use photonfarm_core::settings::IntegratorSettings;
-use std::collections::BTreeMap;
+use photonfarm_tests::scenes;
 use std::path::PathBuf;
 
 /// Folder, main file, number of shapes, resolution, longest light path.
@@ -15,10 +15,6 @@ const SCENES: [(&str, &str, usize, [u32; 2], u32); 6] = [
     ("torus", "scene.xml", 5, [1024, 768], 33),
 ];
 
-fn load(files: &dyn SceneFiles, main: &str) -> Result<Scene, SceneFaults> {
-    Scene::load(files, main, &BTreeMap::new(), &Limits::default())
-}
-
 #[test]
 #[ignore = "needs PHOTONFARM_SCENES, the folder of scenes made by others"]
 fn scenes_made_by_others_load_unchanged() {
@@ -26,7 +22,7 @@ fn scenes_made_by_others_load_unchanged() {
     for (folder, main, shapes, resolution, max_depth) in SCENES {
         let files = SceneFolder::new(&root.join(folder)).unwrap_or_else(|error| panic!("{error}"));
         let recorded = RecordedFiles::new(&files);
-        let scene = load(&recorded, main).unwrap_or_else(|error| panic!("{folder}: {error}"));
+        let scene = scenes::load(&recorded, main, &[]).unwrap_or_else(|error| panic!("{folder}: {error}"));
         assert_eq!(scene.bindings.len(), shapes, "{folder}/{main}");
         assert_eq!(scene.film.resolution, resolution, "{folder}/{main}");
         assert_eq!(scene.sensor.resolution, resolution, "{folder}/{main}");
@@ -38,7 +34,8 @@ fn scenes_made_by_others_load_unchanged() {
         assert!(!scene.lights.is_empty(), "{folder}/{main}");
         // The bundle of what was read is the whole scene.
         let bundle = recorded.into_files();
-        let again = load(&bundle, main).unwrap_or_else(|error| panic!("{folder}, from its bundle: {error}"));
+        let again =
+            scenes::load(&bundle, main, &[]).unwrap_or_else(|error| panic!("{folder}, from its bundle: {error}"));
         assert_eq!(again.geometry.bounds(), scene.geometry.bounds(), "{folder}/{main}");
     }
 }

@@ -1,12 +1,13 @@
 //! A photon or a cone counts on the side of a surface that it came from or leaves to, and not through a thin wall.
 
-use photonfarm_core::integrator::{Iteration, Unobserved, render_next};
+use photonfarm_core::integrator::{Iteration, Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings, SppmSettings,
 };
-use photonfarm_tests::scenes;
+use photonfarm_tests::render::{self, mean_luminance};
+use photonfarm_tests::scenes::{self, View};
 use photonfarm_tests::statistics::Moments;
 
 /// First radius [scene units]: hundreds of times the thickness of the walls.
@@ -52,35 +53,20 @@ fn integrators() -> [IntegratorSettings; 5] {
 
 /// A scene of `shapes` seen from `origin`, looking at the middle, in a field of view of `fov` degrees.
 fn seen_from(origin: &str, fov: f32, shapes: &str) -> Scene {
-    let xml = format!(
-        r#"<scene version="3.0.0">
-            <sensor type="perspective">
-                <float name="fov" value="{fov}"/>
-                <transform name="to_world"><lookat origin="{origin}" target="0, 0, 0" up="0, 1, 0"/></transform>
-                <film type="hdrfilm">
-                    <integer name="width" value="12"/><integer name="height" value="12"/><rfilter type="box"/>
-                </film>
-            </sensor>
-            {shapes}
-        </scene>"#
-    );
-    scenes::of_text(&xml).expect("the scene loads")
+    let view = View {
+        origin,
+        target: "0, 0, 0",
+        up: "0, 1, 0",
+        fov,
+        resolution: [12, 12],
+    };
+    scenes::seen(&view, shapes).expect("the scene loads")
 }
 
 /// The first `count` iterations.
 fn iterations(scene: &Scene, settings: &IntegratorSettings, count: u32) -> Vec<Iteration> {
-    let mut iterations: Vec<Iteration> = Vec::new();
-    for i in 1..=count {
-        let before = iterations.last().map_or(&[][..], |last| &last.statistics);
-        iterations.push(render_next(scene, settings, 7, i, before, &Unobserved).expect("the iteration renders"));
-    }
-    iterations
-}
-
-/// Mean luminance of an image.
-fn mean(image: &Iteration) -> f64 {
-    let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum();
-    sum / image.pixels.len() as f64
+    let iterations = render::iterations(scene, settings, 7, count);
+    iterations.collect::<Result<_, _>>().expect("the iterations render")
 }
 
 /// Walls in the plane z = 0, and behind them a lamp that shines away from them, at another wall: all light comes to them from there.
@@ -156,7 +142,7 @@ fn each_side_of_a_thin_wall_has_its_own_light() {
         for settings in integrators() {
             let mut moments = Moments::default();
             for image in iterations(&scene, &settings, 12) {
-                moments.push(&[mean(&image)]);
+                moments.push(&[mean_luminance(&image.pixels)]);
             }
             let (mean, error) = (moments.mean()[0], moments.squared_error()[0].sqrt());
             println!("{}: {mean:.4} +- {error:.4} for {expected}", settings.name());
@@ -192,8 +178,8 @@ fn what_creeps_under_a_wall_shrinks_with_the_kernel() {
     let leak = |settings: &IntegratorSettings| {
         let mut moments = Moments::default();
         for seed in 1..=30 {
-            let image = render_next(&scene, settings, seed, 1, &[], &Unobserved).expect("the iteration renders");
-            moments.push(&[mean(&image)]);
+            let image = render_iteration(&scene, settings, seed, 1, &Unobserved).expect("the iteration renders");
+            moments.push(&[mean_luminance(&image.pixels)]);
         }
         (moments.mean()[0], moments.squared_error()[0].sqrt())
     };

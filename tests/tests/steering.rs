@@ -4,7 +4,7 @@
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::schedule::StopReason;
-use photonfarm_tests::processes::{Coordinator, Process, get, http, jobs, photonfarm, scene, wait_for};
+use photonfarm_tests::processes::{Coordinator, Process, get, http, jobs, photonfarm, printed, scene, wait_for};
 use reqwest::Method;
 use std::path::Path;
 
@@ -27,24 +27,21 @@ fn alone(folder: &Path, iterations: u64) -> Vec<u8> {
     let mut arguments = vec!["render", scene.to_str().unwrap(), "-o", path.to_str().unwrap()];
     arguments.extend(["--threads", "1", "--iterations", &iterations]);
     arguments.extend(SETTINGS);
-    let output = photonfarm(&arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    printed(&photonfarm(&arguments));
     std::fs::read(path).unwrap()
 }
 
 /// Runs a command on the farm and returns what it prints.
 fn command(coordinator: &Coordinator, arguments: &[&str]) -> String {
     let arguments = [arguments, &["--coordinator", &coordinator.url]].concat();
-    let output = photonfarm(&arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
+    printed(&photonfarm(&arguments))
 }
 
 /// Submits a job and returns its number.
 fn submit(coordinator: &Coordinator, options: &[&str]) -> String {
     let scene = scene(SCENE);
     let arguments = [&["submit", scene.to_str().unwrap()], &SETTINGS[..], options].concat();
-    command(coordinator, &arguments).trim().to_owned()
+    command(coordinator, &arguments)
 }
 
 /// The job that was submitted last, once `condition` holds.

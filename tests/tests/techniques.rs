@@ -6,12 +6,12 @@
 //! `FALSE_ALARMS`. Seeds are fixed, so a test that passes once passes always. Each check holds itself to the promise that it would fail
 //! if all light from cones were too bright or too dark by a share that it states: 5 % for aimed cones, 10 to 30 % for noisier ones.
 
-use photonfarm_core::integrator::{Unobserved, render_iteration};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, KernelShape, LookupVertex, PathSettings, PcfSettings,
 };
+use photonfarm_tests::render::luminance_by_length;
 use photonfarm_tests::scenes;
 use photonfarm_tests::statistics::{Moments, ZTest};
 
@@ -35,25 +35,11 @@ fn load(name: &str) -> Scene {
     scenes::named(name, SIZE).expect("the scene loads")
 }
 
-/// Mean luminance of the image.
-fn mean(scene: &Scene, settings: &IntegratorSettings, seed: u64, iteration: u32) -> f64 {
-    let image = render_iteration(scene, settings, seed, iteration, &Unobserved).expect("the iteration renders");
-    let sum: f64 = image.pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum();
-    sum / image.pixels.len() as f64
-}
-
 /// Mean luminance of each iteration by path length; `settings` makes settings of a `max_depth`.
 fn by_length(scene: &Scene, seed: u64, iterations: u32, settings: impl Fn(u32) -> IntegratorSettings) -> Vec<Vec<f64>> {
-    let lengths = |iteration| {
-        let mut shorter = 0.0;
-        (1..=LONGEST)
-            .map(|depth| {
-                let upto = mean(scene, &settings(depth), seed, iteration);
-                upto - std::mem::replace(&mut shorter, upto)
-            })
-            .collect()
-    };
-    (1..=iterations).map(lengths).collect()
+    let lengths = |iteration| luminance_by_length(scene, seed, iteration, LONGEST, &settings);
+    let each: Result<_, _> = (1..=iterations).map(lengths).collect();
+    each.expect("the iterations render")
 }
 
 /// Moments of each path length, and at last of the sum of those of `counted` edges and more; all these are multiplied by `factor`.

@@ -4,7 +4,7 @@ use photonfarm_proto::id::JobId;
 use photonfarm_proto::token::Role;
 use photonfarm_test_servers::Postgres;
 use photonfarm_tests::farm::Client;
-use photonfarm_tests::processes::{Launch, Process, photonfarm, scene, serve, wait_for};
+use photonfarm_tests::processes::{Launch, Process, photonfarm, printed, scene, serve, wait_for};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -44,10 +44,9 @@ impl Ground {
     fn token(&self, name: &str, role: Role, place: &[&str]) -> String {
         let role = role.to_string();
         let arguments = [&["token", "create", name, "--role", &role], place].concat();
-        let output = photonfarm(&arguments);
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        std::fs::write(self.path(&format!("{name}.token")), &output.stdout).unwrap();
-        text(&output.stdout).trim().to_owned()
+        let token = printed(&photonfarm(&arguments));
+        std::fs::write(self.path(&format!("{name}.token")), &token).unwrap();
+        token
     }
 }
 
@@ -116,8 +115,7 @@ fn a_farm_with_tokens_and_a_certificate_renders() {
         photonfarm(&[&job[..], authority, &how[..]].concat())
     };
     let trusted = ["--ca", &certificate];
-    let output = submit(&ann_file, &trusted, "8");
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    printed(&submit(&ann_file, &trusted, "8"));
     assert!(Path::new(&picture).exists());
     refused(
         &submit(&ann_file, &trusted, "13"),
@@ -128,8 +126,7 @@ fn a_farm_with_tokens_and_a_certificate_renders() {
         &["`submit`", "has the role `worker`"],
     );
     refused(&submit(&ann_file, &[], "1"), &["no coordinator answers"]);
-    let revoked = photonfarm(&[&["token", "revoke", "ann"], &farm[..]].concat());
-    assert!(revoked.status.success(), "{}", text(&revoked.stderr));
+    printed(&photonfarm(&[&["token", "revoke", "ann"], &farm[..]].concat()));
     refused(&submit(&ann_file, &trusted, "1"), &["not valid"]);
 
     let mut said = String::new();
@@ -237,8 +234,7 @@ fn connections_to_postgres_are_encrypted_where_the_url_asks_for_it_and_only_to_w
     refused(&make("ann", "disable", "farm.pem"), &["no encryption"]);
     refused(&make("ann", "require", "other.pem"), &["certificate"]);
     refused(&make("ann", "require", "missing.pem"), &["certificate", "missing.pem"]);
-    let made = make("ann", "require", "farm.pem");
-    assert!(made.status.success(), "{}", text(&made.stderr));
+    printed(&make("ann", "require", "farm.pem"));
     refused(&make("ann", "require", "farm.pem"), &["ann"]);
 }
 
@@ -256,8 +252,9 @@ fn a_worker_that_may_not_ask_so_often_waits_and_keeps_its_lease() {
         ground.name("rack.token"),
     );
     let what = ["submit", scene.to_str().unwrap(), "-D", "res=8", "--iterations", "1"];
-    let output = photonfarm(&[&what[..], &["--coordinator", &url, "--token-file", &boss_file]].concat());
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    printed(&photonfarm(
+        &[&what[..], &["--coordinator", &url, "--token-file", &boss_file]].concat(),
+    ));
     let cache = ground.name("cache");
     let farm = ["--coordinator", &url, "--token-file", &rack_file, "--cache", &cache];
     let _worker = Process::start("photonfarm-worker", &[&farm[..], &["--threads", "1"]].concat());

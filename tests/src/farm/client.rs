@@ -1,7 +1,7 @@
 //! A farm's public interface, as a test uses it.
 
 use super::job::{Job, Reference};
-use crate::processes::{Launch, http, wait_for};
+use crate::processes::{Launch, http, printed, wait_for};
 use photonfarm_proto::api::{Health, IDEMPOTENCY_KEY, JobPage, WorkerList};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
@@ -74,9 +74,7 @@ impl Client {
             .command("photonfarm", &arguments)
             .output()
             .expect("photonfarm starts");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let id = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-        id.parse().expect("the job's number")
+        printed(&output).parse().expect("the job's number")
     }
 
     /// Submits a job under a key, again and again until it is accepted.

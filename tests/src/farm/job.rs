@@ -1,6 +1,6 @@
 //! Small jobs, and what they come to by one process with one thread.
 
-use crate::processes::{photonfarm, scene};
+use crate::processes::{photonfarm, printed, scene};
 use photonfarm_core::integrator::Counts;
 use serde_json::Value;
 use std::sync::Arc;
@@ -42,8 +42,7 @@ impl Job {
         let mut arguments = vec!["render".to_owned()];
         arguments.extend(self.options());
         arguments.extend(["-o", &picture, "--stats", &stats, "--threads", "1"].map(str::to_owned));
-        let output = photonfarm(&arguments);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        printed(&photonfarm(&arguments));
         let stats: Value = serde_json::from_slice(&std::fs::read(stats).expect("the statistics")).expect("JSON");
         let count = |name: &str| stats[name].as_u64().expect("a count");
         Arc::new(Reference {

@@ -8,7 +8,7 @@ use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::codec;
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::worker::NodeReply;
-use photonfarm_tests::processes::{Coordinator, Process, http, jobs, photonfarm, scene, wait_for};
+use photonfarm_tests::processes::{Coordinator, Process, http, jobs, photonfarm, printed, scene, wait_for};
 use reqwest::Method;
 use std::path::Path;
 use std::sync::Arc;
@@ -42,8 +42,7 @@ fn alone(folder: &Path, integrator: &str) -> Vec<u8> {
     ];
     arguments.extend(JOB);
     arguments.extend(["--integrator", integrator]);
-    let output = photonfarm(&arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    printed(&photonfarm(&arguments));
     std::fs::read(path).unwrap()
 }
 

@@ -5,7 +5,7 @@ use photonfarm_proto::job::JobSpec;
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_test_servers::Postgres;
 use photonfarm_tests::farm::{Farm, Job, Network, Reference, Stores};
-use photonfarm_tests::processes::{photonfarm, wait_for};
+use photonfarm_tests::processes::{photonfarm, printed, wait_for};
 use reqwest::Method;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -35,7 +35,7 @@ fn farm(network: &Network) -> Farm {
     let token = administrator("--data", data);
     let listen = format!("{}:7800", network.centre.address());
     let mut farm = Farm::at(&listen, &Stores::folder(&folder));
-    farm.client = farm.client.clone().with_token(Some(token.trim()));
+    farm.client = farm.client.clone().with_token(Some(&token));
     for host in &network.hosts {
         farm.hire_with(host.launch(), None);
     }
@@ -44,9 +44,9 @@ fn farm(network: &Network) -> Farm {
 
 /// A token of the farm that is kept there: beyond loopback there must be one.
 fn administrator(option: &str, place: &str) -> String {
-    let made = photonfarm(&["token", "create", "boss", "--role", "admin", option, place]);
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    String::from_utf8(made.stdout).unwrap()
+    printed(&photonfarm(&[
+        "token", "create", "boss", "--role", "admin", option, place,
+    ]))
 }
 
 /// A farm with a coordinator on each host of the network but the one in the middle, where the database is, the worker,
@@ -57,7 +57,7 @@ fn farm_on_a_database(network: &Network) -> (Postgres, TempDir, Farm) {
     let url = postgres.listen(&network.centre.address().to_string());
     let token = administrator("--state", &url);
     let mut farm = Farm::across(&network.hosts, &Stores::database(&url, folder.path()));
-    farm.client = farm.client.clone().with_token(Some(token.trim()));
+    farm.client = farm.client.clone().with_token(Some(&token));
     farm.hire(1);
     (postgres, folder, farm)
 }

@@ -1,7 +1,7 @@
 //! A farm is saved while it runs, goes on, and is restored: nobody gets what is not theirs.
 
 use photonfarm_tests::farm::{Farm, Job, Reference};
-use photonfarm_tests::processes::{Process, photonfarm, wait_for};
+use photonfarm_tests::processes::{Process, photonfarm, printed, wait_for};
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -31,8 +31,12 @@ fn a_restored_farm_gives_no_number_twice_and_nobody_gets_the_picture_of_another(
     let kept = farm.submit(&small);
     farm.client.check(kept, &small);
 
-    let made = photonfarm(&["backup", "--data", data.to_str().unwrap(), saved.to_str().unwrap()]);
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    printed(&photonfarm(&[
+        "backup",
+        "--data",
+        data.to_str().unwrap(),
+        saved.to_str().unwrap(),
+    ]));
 
     // Jobs that the backup knows nothing of. Somebody waits for the second.
     let lost = farm.client.submit(&small.job);

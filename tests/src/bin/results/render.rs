@@ -5,7 +5,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use photonfarm_core::integrator::{Iteration, Unobserved, render_iteration};
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::IntegratorSettings;
-use photonfarm_core::spectrum::Spectrum;
 use rayon::prelude::*;
 
 /// A bar that counts to `length` under the heading `name`.
@@ -31,9 +30,4 @@ pub(crate) fn each<T: Send>(
             Ok(keep(image))
         })
         .collect()
-}
-
-/// Mean luminance of an image.
-pub(crate) fn mean_luminance(pixels: &[Spectrum]) -> f64 {
-    pixels.iter().map(|p| f64::from(p.luminance())).sum::<f64>() / pixels.len() as f64
 }

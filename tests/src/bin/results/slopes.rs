@@ -6,10 +6,11 @@ mod report;
 
 use crate::Options;
 use crate::plot::{self, Chart, Scale, Series, Stroke};
-use crate::render::{each, mean_luminance, progress};
+use crate::render::{each, progress};
 use anyhow::{Result, ensure};
 use case::{Case, Exponents, Method, Varies};
 use fit::{Curves, RUNS_OF_GROUP, Slope, curves_of_group, log_log_slope, mean_with_error, slope};
+use photonfarm_tests::render::mean_luminance;
 
 /// Confidence of the intervals that are written.
 const CONFIDENCE: f64 = 0.95;

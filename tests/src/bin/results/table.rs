@@ -5,13 +5,14 @@ mod report;
 mod truth;
 
 use crate::Options;
-use crate::render::{each, mean_luminance, progress};
+use crate::render::{each, progress};
 use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
 use layout::{Chain, Emitter, Eye, Layout};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_tests::render::mean_luminance;
 use photonfarm_tests::statistics::Moments;
 
 /// A column of the table.

@@ -2,10 +2,11 @@
 
 use super::picture::Pixels;
 use anyhow::Result;
-use photonfarm_core::integrator::{Counts, Iteration, Unobserved, render_iteration};
+use photonfarm_core::integrator::{Counts, Iteration};
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_core::spectrum::Spectrum;
+use photonfarm_tests::render;
 use rustix::time::{ClockId, clock_gettime};
 
 /// An average of iterations that grows.
@@ -58,8 +59,8 @@ pub(super) fn average(
     mut watch: impl FnMut(&Iteration),
 ) -> Result<Sum> {
     let mut sum = Sum::new(scene);
-    for i in 1..=iterations {
-        let iteration = render_iteration(scene, settings, seed, i, &Unobserved)?;
+    for iteration in render::iterations(scene, settings, seed, iterations) {
+        let iteration = iteration?;
         sum.add(&iteration);
         watch(&iteration);
     }

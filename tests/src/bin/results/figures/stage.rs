@@ -4,12 +4,12 @@ use crate::Options;
 use anyhow::{Context, Result, bail};
 use photonfarm_core::math::Vec2;
 use photonfarm_core::random::Sampling;
-use photonfarm_core::scene::{Limits, Scene, SceneFolder};
+use photonfarm_core::scene::{Scene, SceneFolder};
 use photonfarm_core::sensor::Projection;
 use photonfarm_core::settings::{
     DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
 };
-use std::collections::BTreeMap;
+use photonfarm_tests::scenes;
 use std::path::{Path, PathBuf};
 
 /// The folder of the torus scene, where it is given.
@@ -19,10 +19,9 @@ pub(super) fn torus(options: &Options) -> Option<PathBuf> {
 
 /// The scene of a folder at a size of `size` pixels.
 pub(super) fn load(folder: &Path, size: [u32; 2]) -> Result<Scene> {
-    let [width, height] = size.map(|n| n.to_string());
-    let defines = BTreeMap::from([("width".to_owned(), width), ("height".to_owned(), height)]);
+    let [width, height] = size;
     let files = SceneFolder::new(folder)?;
-    Scene::load(&files, "scene.xml", &defines, &Limits::default())
+    scenes::load(&files, "scene.xml", &[("width", width), ("height", height)])
         .with_context(|| format!("cannot load the scene in {}", folder.display()))
 }
 

@@ -7,7 +7,7 @@ use photonfarm_core::math::{Frame, Vec2, Vec3};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PcfSettings, PppmSettings};
-use photonfarm_tests::scenes;
+use photonfarm_tests::scenes::{self, View};
 use std::f64::consts::{PI, TAU};
 
 /// First spatial bandwidth [scene units].
@@ -75,18 +75,14 @@ impl Varies {
                     .to_owned(),
             ),
         };
-        scenes::of_text(&format!(
-            r#"<scene version="3.0.0">
-                <sensor type="perspective">
-                    <float name="fov" value="0.01"/>
-                    <transform name="to_world"><lookat origin="{camera}" target="0, 0, 0" up="0, 0, 1"/></transform>
-                    <film type="hdrfilm">
-                        <integer name="width" value="1"/><integer name="height" value="1"/><rfilter type="box"/>
-                    </film>
-                </sensor>
-                {shapes}
-            </scene>"#
-        ))
+        let view = View {
+            origin: camera,
+            target: "0, 0, 0",
+            up: "0, 0, 1",
+            fov: 0.01,
+            resolution: [1, 1],
+        };
+        scenes::seen(&view, &shapes)
     }
 
     /// Edges of the only paths that carry light.

@@ -6,7 +6,8 @@
 
 use anyhow::Result;
 use photonfarm_core::math::Vec3;
-use photonfarm_core::scene::{Limits, Scene};
+use photonfarm_core::scene::Scene;
+use photonfarm_tests::scenes;
 use std::collections::BTreeMap;
 
 /// What emits.
@@ -414,5 +415,5 @@ fn load(objects: &str) -> Result<Scene> {
         ("scene.xml".to_owned(), xml.into_bytes()),
         ("cap.png".to_owned(), png.into_inner()),
     ]);
-    Ok(Scene::load(&files, "scene.xml", &BTreeMap::new(), &Limits::default())?)
+    scenes::load(&files, "scene.xml", &[])
 }
