@@ -3,12 +3,11 @@
 use super::GLOSSY_ROUGHNESS;
 use crate::material::TransportMode;
 use crate::math::Vec2;
+use crate::path::{Tracer, Vertex};
 use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
 use crate::schedule;
 use crate::settings::IntegratorSettings;
-
-use super::vertex::{Tracer, Vertex};
 
 /// Kernel sizes of an iteration.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,171 +1,129 @@
-//! Paths from the camera, shared by the integrators: emission, next-event estimation and Russian roulette.
+//! Camera paths with the light that they find by scattering and by connections with lights, of which each counts with its share.
 
-use super::vertex::{Tracer, Vertex};
 use crate::geometry::{Ray, SurfacePoint};
-use crate::light::LightId;
-use crate::material::TransportMode;
-use crate::math::{Vec3, sqr};
+use crate::math::Vec3;
+use crate::path::{Scattered, Tracer, Vertex, Walk, power_heuristic};
 use crate::random::PathRandom;
 use crate::spectrum::Spectrum;
 
-/// Edges after which paths face Russian roulette, as Mitsuba's `rr_depth`.
-pub(super) const ROULETTE_EDGES: u32 = 5;
-
-/// Highest probability of surviving Russian roulette, as Mitsuba's.
-pub(super) const ROULETTE_SURVIVAL: f32 = 0.95;
-
-/// What an integrator does at a camera vertex.
-pub(super) enum Visit {
-    /// Estimate direct light there and walk on.
-    Walk,
-    /// Walk on: direct light there has been accounted for.
-    WalkOnly,
-    /// Add this radiance and estimate direct light there, which accounts for all lobes but delta functions: end, or walk on along
-    /// one of these.
-    AddAndEndAfterDirect(Spectrum),
-    /// All lobes but delta functions have been accounted for: end, or walk on along one of these.
-    WalkAlongDelta,
-    /// End: all light there has been accounted for.
-    End,
+/// How light counts that the next edge finds.
+enum Found {
+    /// In full: nothing else finds it.
+    InFull,
+    /// With its share: the vertex that the edge leaves is connected with lights too.
+    WithShare {
+        from: Vec3,
+        /// Solid-angle density of the edge's direction [1/sr].
+        pdf: f32,
+    },
+    /// Not at all: the integrator has counted it.
+    No,
 }
 
-/// A bounce whose direction might have been chosen by next-event estimation too.
-struct Bounce {
-    from: Vec3,
-    /// Solid-angle density of the BSDF's sample [1/sr].
-    pdf: f32,
-}
-
-/// Estimates the radiance along `ray` over paths of at most `max_edges` edges, with lights sampled both by the material
-/// and by next-event estimation and combined by the power heuristic (Veach 1997, section 9.2).
+/// A camera path and the radiance that it has found so far.
 ///
-/// `visit(vertex, edges, throughput)` is asked at every surface vertex, `edges` from the camera, where the path carries the
-/// share `throughput` of radiance to the camera; an integrator that ends the walk there answers for all longer paths.
-pub(super) fn radiance(
-    tracer: &mut Tracer,
-    mut ray: Ray,
-    random: &mut PathRandom,
+/// An integrator asks for one vertex after the other, adds direct light there or what else it knows of, and goes on.
+pub(super) struct CameraPath<'t, 'a> {
+    tracer: &'t mut Tracer<'a>,
+    random: &'t mut PathRandom,
+    walk: Walk,
+    /// Most edges of a path.
     max_edges: u32,
-    mut visit: impl FnMut(&Vertex, u32, Spectrum) -> Visit,
-) -> Spectrum {
-    let mut total = Spectrum::ZERO;
-    let mut throughput = Spectrum::ONE;
-    let mut eta = 1.0;
-    let mut bounce: Option<Bounce> = None;
-    // Whether the path ends with its next edge; whether light that it meets by scattering, or by a connection, counts.
-    let (mut ending, mut direct) = (false, true);
-    for edges in 1..=max_edges {
-        let hit = tracer.intersect(&ray);
-        if direct {
-            total += throughput * emission(tracer, &ray, hit.as_ref(), bounce.as_ref());
+    found: Found,
+    pub(super) radiance: Spectrum,
+}
+
+impl<'t, 'a> CameraPath<'t, 'a> {
+    pub(super) fn new(tracer: &'t mut Tracer<'a>, ray: Ray, random: &'t mut PathRandom, max_edges: u32) -> Self {
+        Self {
+            tracer,
+            random,
+            walk: Walk::from_camera(ray),
+            max_edges,
+            found: Found::InFull,
+            radiance: Spectrum::ZERO,
         }
-        let Some(point) = hit else { break };
-        if ending {
-            break;
+    }
+
+    /// Traces the next edge, adds the light that it finds, and gives the vertex where it ends; `None` where it leaves the scene.
+    pub(super) fn next_vertex(&mut self) -> Option<Vertex> {
+        let point = self.trace_edge()?;
+        Some(self.walk.arrive(self.tracer.scene, point))
+    }
+
+    /// Traces the last edge and adds the light that it finds.
+    pub(super) fn end_with_edge(mut self) -> Spectrum {
+        self.trace_edge();
+        self.radiance
+    }
+
+    fn trace_edge(&mut self) -> Option<SurfacePoint> {
+        let hit = self.walk.advance(self.tracer);
+        self.radiance += self.walk.beta * self.emission(hit.as_ref());
+        hit
+    }
+
+    /// Adds direct light at a vertex by one connection with a light. A path of as many edges as it may have is connected with none.
+    pub(super) fn add_next_event(&mut self, vertex: &Vertex) {
+        if vertex.edges == self.max_edges || vertex.is_delta() {
+            return;
         }
-        let vertex = Vertex::new(tracer.scene, point, -ray.direction, TransportMode::Radiance);
-        direct = true;
-        let mut only_delta = false;
-        match visit(&vertex, edges, throughput) {
-            Visit::Walk => {}
-            Visit::WalkOnly => direct = false,
-            Visit::AddAndEndAfterDirect(radiance) => {
-                total += throughput * radiance;
-                ending = true;
-            }
-            Visit::WalkAlongDelta if vertex.has_delta() => only_delta = true,
-            Visit::WalkAlongDelta | Visit::End => break,
-        }
-        if edges == max_edges {
-            break;
-        }
-        if direct && !only_delta && !vertex.is_delta() {
-            total += throughput * next_event(tracer, &vertex, random);
-        }
-        let Some(scattered) = vertex.sample(random) else {
-            break;
+        let (choice, u) = (self.random.next_choice(), self.random.next_choice_2d());
+        let Some((light, f)) = self.tracer.connect_with_light(vertex, choice, u) else {
+            return;
         };
-        if scattered.bsdf.delta {
-            ending = false;
-        } else if only_delta {
-            break;
-        }
-        throughput *= scattered.weight();
-        eta *= scattered.bsdf.eta;
-        bounce = (!scattered.bsdf.delta).then_some(Bounce {
-            from: point.position,
-            pdf: scattered.bsdf.pdf,
-        });
-        match roulette(throughput, eta, edges, random) {
-            Some(survived) => throughput = survived,
-            None => break,
-        }
-        ray = point.ray_towards(scattered.wi);
+        let share = if light.delta {
+            1.0
+        } else {
+            power_heuristic(light.pdf, vertex.pdf(light.wi))
+        };
+        self.radiance += vertex.beta * (f * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf));
     }
-    total
-}
 
-/// The throughput of a camera path of `edges` edges that goes on; `None` where Russian roulette ends it. `eta` is the index of refraction
-/// at its end over that at the camera.
-#[inline]
-pub(super) fn roulette(throughput: Spectrum, eta: f32, edges: u32, random: &mut PathRandom) -> Option<Spectrum> {
-    if edges < ROULETTE_EDGES {
-        return Some(throughput);
-    }
-    let survival = (throughput.max_component() * sqr(eta)).min(ROULETTE_SURVIVAL);
-    (random.next_choice() < f64::from(survival)).then(|| throughput * (1.0 / survival))
-}
-
-/// Light emitted towards the ray's origin by what the ray found.
-fn emission(tracer: &Tracer, ray: &Ray, hit: Option<&SurfacePoint>, bounce: Option<&Bounce>) -> Spectrum {
-    let lights = &tracer.scene.lights;
-    let weight = |light_pdf: &dyn Fn(Vec3) -> f32| bounce.map_or(1.0, |b| power_heuristic(b.pdf, light_pdf(b.from)));
-    match hit {
-        None => {
-            let radiance = lights.background(ray.direction);
-            if radiance.is_black() {
-                radiance
-            } else {
-                radiance * weight(&|_| lights.pdf_background(ray.direction))
-            }
+    /// Goes on in a direction sampled at the vertex; `None` where the path ends there. Light that the next edge finds counts beside
+    /// [`Self::add_next_event`].
+    pub(super) fn go_on(&mut self, vertex: &Vertex) -> Option<Scattered> {
+        if vertex.edges == self.max_edges {
+            return None;
         }
-        Some(point) => {
-            let Some(light) = tracer.scene.light_at(point) else {
-                return Spectrum::ZERO;
-            };
-            let radiance = lights.emitted(light, point, -ray.direction);
-            if radiance.is_black() {
-                radiance
-            } else {
-                radiance * weight(&|from| area_pdf(tracer, light, from, point))
-            }
-        }
+        let scattered = vertex.sample(self.random)?;
+        self.found = match scattered.bsdf.delta {
+            true => Found::InFull,
+            false => Found::WithShare {
+                from: vertex.point.position,
+                pdf: scattered.bsdf.pdf,
+            },
+        };
+        self.walk.go_on(vertex, &scattered, self.random).then_some(scattered)
     }
-}
 
-fn area_pdf(tracer: &Tracer, light: LightId, from: Vec3, hit: &SurfacePoint) -> f32 {
-    tracer.scene.lights.pdf_area(&tracer.scene.geometry, light, from, hit)
-}
-
-/// Direct light at a vertex by one connection with a light.
-fn next_event(tracer: &mut Tracer, vertex: &Vertex, random: &mut PathRandom) -> Spectrum {
-    let (choice, u) = (random.next_choice(), random.next_choice_2d());
-    let Some((light, f)) = tracer.connect_with_light(vertex, choice, u) else {
-        return Spectrum::ZERO;
-    };
-    let weight = if light.delta {
-        1.0
-    } else {
-        power_heuristic(light.pdf, vertex.pdf(light.wi))
-    };
-    f * light.radiance * (vertex.cos_shading(light.wi) * weight / light.pdf)
-}
-
-/// Power heuristic with beta = 2 for one sample of each of two techniques (Veach 1997, equation 9.13), written so that large
-/// densities do not overflow.
-fn power_heuristic(pdf: f32, other: f32) -> f32 {
-    if pdf == 0.0 {
-        return 0.0;
+    /// Leaves the light that the next edge finds to the integrator, which counts it by other means.
+    pub(super) fn count_no_light_on_next_edge(&mut self) {
+        self.found = Found::No;
     }
-    1.0 / (1.0 + sqr(other / pdf))
+
+    /// Light emitted back along the edge by what it found, with its share.
+    fn emission(&self, hit: Option<&SurfacePoint>) -> Spectrum {
+        let (from, pdf) = match self.found {
+            Found::No => return Spectrum::ZERO,
+            Found::InFull => (None, 1.0),
+            Found::WithShare { from, pdf } => (Some(from), pdf),
+        };
+        let scene = self.tracer.scene;
+        let (lights, direction) = (&scene.lights, self.walk.ray.direction);
+        let light = hit.map(|point| (scene.light_at(point), point));
+        let radiance = match light {
+            None => lights.background(direction),
+            Some((Some(light), point)) => lights.emitted(light, point, -direction),
+            Some((None, _)) => return Spectrum::ZERO,
+        };
+        let Some(from) = from.filter(|_| !radiance.is_black()) else {
+            return radiance;
+        };
+        let light_pdf = match light {
+            Some((Some(light), point)) => lights.pdf_area(&scene.geometry, light, from, point),
+            _ => lights.pdf_background(direction),
+        };
+        radiance * power_heuristic(pdf, light_pdf)
+    }
 }

@@ -9,13 +9,12 @@ mod bidirectional;
 mod camera_path;
 mod description;
 mod light;
-mod light_path;
+mod light_paths;
 mod path;
 pub mod pcf;
 mod pppm;
 mod sppm;
 mod vcm;
-mod vertex;
 
 pub use bandwidth::{Bandwidth, bandwidth};
 pub use description::{Ignored, Integrator, schema};
@@ -25,6 +24,7 @@ use description::Estimator;
 
 use crate::geometry::Ray;
 use crate::math::Vec2;
+use crate::path::Tracer;
 use crate::random::{PathRandom, Sampling, Sequence, Stream};
 use crate::scene::Scene;
 use crate::settings::SettingError;
@@ -33,7 +33,6 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use thiserror::Error;
-use vertex::Tracer;
 
 /// All integrators.
 pub const INTEGRATORS: [&Integrator; 7] = [

@@ -1,22 +1,17 @@
 //! Camera subpaths: what they find, and what they are connected and merged with.
 
 use super::light::{LightPaths, LightVertex, MergePayload};
-use super::partial::Partial;
 use super::{Estimator, Spectrum};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
-use crate::integrator::camera_path::roulette;
-use crate::integrator::vertex::{Tracer, Vertex};
 use crate::map::{Reach, RecordMap, count_edges};
-use crate::material::TransportMode;
 use crate::math::{DVec2, FRAC_1_PI, PI, sqr};
+use crate::path::{Partial, Tracer, Vertex, Walk};
 
 /// The end of a camera subpath.
 struct End {
     vertex: Vertex,
     partial: Partial,
-    /// From the camera.
-    edges: u32,
 }
 
 impl<'a> Estimator<'a> {
@@ -29,7 +24,7 @@ impl<'a> Estimator<'a> {
     ) -> Spectrum {
         let Sample {
             tracer,
-            mut ray,
+            ray,
             random,
             counts,
             pixel,
@@ -45,55 +40,53 @@ impl<'a> Estimator<'a> {
                 self.camera_edges.first * sensor.cos / (pdf_lens * sensor.pdf)
             }),
         };
-        let (mut total, mut beta, mut eta) = (Spectrum::ZERO, Spectrum::ONE, 1.0);
-        for edges in 1..=self.plan.max_edges {
-            let hit = tracer.intersect(&ray);
+        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(ray));
+        while walk.edges < self.plan.max_edges {
+            let hit = walk.advance(tracer);
+            let edges = walk.edges;
             if self.uses(0, edges + 1) {
-                total += beta * self.emission(tracer, &ray, hit.as_ref(), partial, edges);
+                total += walk.beta * self.emission(tracer, &walk.ray, hit.as_ref(), partial, edges);
             }
             let Some(point) = hit else { break };
             if edges == self.plan.max_edges {
                 break;
             }
-            let vertex = Vertex::new(tracer.scene, point, -ray.direction, TransportMode::Radiance);
+            let vertex = walk.arrive(tracer.scene, point);
             let distance2 = match edges {
                 1 if sensor.parallel => 1.0,
                 1 => sqr(point.distance + sensor.clipped),
                 _ => sqr(point.distance),
             };
             partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
-            let end = End { vertex, partial, edges };
-            if !end.vertex.is_delta() {
+            let end = End { vertex, partial };
+            if !vertex.is_delta() {
                 if self.plan.techniques.next_event {
                     // Drawn also where only other techniques are shown, so that these find what they find beside it.
                     let (choice, u) = (random.next_choice(), random.next_choice_2d());
                     if self.uses(1, edges + 1) {
-                        total += beta * self.next_event(tracer, &end, choice, u);
+                        total += vertex.beta * self.next_event(tracer, &end, choice, u);
                     }
                 }
                 for other in light.vertices(light_path) {
-                    if edges + 1 + other.edges <= self.plan.max_edges && self.uses(other.edges + 1, edges + 1) {
-                        total += beta * self.connect(tracer, &end, other);
+                    let light_edges = other.vertex.edges;
+                    if edges + 1 + light_edges <= self.plan.max_edges && self.uses(light_edges + 1, edges + 1) {
+                        total += vertex.beta * self.connect(tracer, &end, other);
                     }
                 }
                 if let (Some(map), Some(reach)) = (map, &self.reach) {
                     let (sum, read, counted) = self.merge(&end, map, reach);
-                    total += beta * sum;
+                    total += vertex.beta * sum;
                     counts.records_read += read;
                     counts.records_counted += counted;
                 }
             }
-            let Some(scattered) = end.vertex.sample(random) else {
+            let Some(scattered) = vertex.sample(random) else {
                 break;
             };
-            beta *= scattered.weight();
-            eta *= scattered.bsdf.eta;
-            match roulette(beta, eta, edges, random) {
-                Some(survived) => beta = survived,
-                None => break,
+            if !walk.go_on(&vertex, &scattered, random) {
+                break;
             }
-            partial = self.partial_after(&end.vertex, partial, self.camera_edges.of(edges), &scattered);
-            ray = point.ray_towards(scattered.wi);
+            partial = self.partial_after(&vertex, partial, self.camera_edges.of(edges), &scattered);
         }
         total
     }
@@ -147,7 +140,7 @@ impl<'a> Estimator<'a> {
         let more_light = end.partial.over_connection(
             light.arrival * vertex.cos_geometric(light.wi),
             vertex.pdf_rev(light.wi),
-            self.camera_edges.of(end.edges),
+            self.camera_edges.of(end.vertex.edges),
             self.merges,
         );
         let share = self.share(found + more_light);
@@ -170,29 +163,29 @@ impl<'a> Estimator<'a> {
         let more_camera = other.partial.over_connection(
             camera.pdf(wi) * light_cos * per_area,
             light.pdf_rev(-wi),
-            self.light_edges.of(other.edges),
+            self.light_edges.of(light.edges),
             self.merges,
         );
         let more_light = end.partial.over_connection(
             light.pdf(-wi) * camera.cos_geometric(wi) * per_area,
             camera.pdf_rev(wi),
-            self.camera_edges.of(end.edges),
+            self.camera_edges.of(end.vertex.edges),
             self.merges,
         );
         let share = self.share(more_camera + more_light);
-        let value = f * other.flux * (camera.cos_shading(wi) * light_cos * per_area * share);
-        if value.is_black() || tracer.occluded(&camera.point.shadow_ray(wi, distance)) {
-            return Spectrum::ZERO;
+        let value = f * light.beta * (camera.cos_shading(wi) * light_cos * per_area * share);
+        if value.is_black() {
+            return value;
         }
-        value
+        value * tracer.transmittance(&camera.point.shadow_ray(wi, distance))
     }
 
     /// Merges the end of a camera path with all light paths that end near it; also how many records were read and counted.
     fn merge(&self, end: &End, map: &RecordMap<MergePayload>, reach: &Reach) -> (Spectrum, u64, u64) {
         let vertex = &end.vertex;
         let reach = reach.at(vertex.point.position);
-        let limit = count_edges(self.plan.max_edges - end.edges);
-        let camera_edge = self.camera_edges.of(end.edges);
+        let limit = count_edges(self.plan.max_edges - vertex.edges);
+        let camera_edge = self.camera_edges.of(end.vertex.edges);
         let (mut sum, mut counted) = (Spectrum::ZERO, 0);
         let read = map.query(vertex.point.position, &reach, |photon| {
             if photon.edges() > limit {

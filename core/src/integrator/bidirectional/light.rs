@@ -1,30 +1,20 @@
 //! Light subpaths: their vertices, which camera paths are connected and merged with, and what they give to pixels themselves.
 
-use super::partial::Partial;
 use super::{Counts, Estimator, Observer, RenderError, Splat};
-use crate::integrator::light_path::go_on;
-use crate::integrator::vertex::{Tracer, Vertex};
+use crate::integrator::light_paths::{self, CHUNK};
 use crate::light::{EmissionSample, Origin};
 use crate::map::Record;
-use crate::material::TransportMode;
 use crate::math::sqr;
-use crate::random::{PathRandom, Sequence, Stream};
+use crate::path::{Partial, Tracer, Vertex, Walk};
+use crate::random::{PathRandom, Stream};
 use crate::sensor::SensorSample;
 use crate::spectrum::Spectrum;
-use rayon::prelude::*;
-
-/// Light paths that one task traces.
-const CHUNK: u32 = 4096;
 
 /// A vertex of a light path that camera paths can be connected with.
 #[derive(Clone, Copy)]
 pub(super) struct LightVertex {
     pub(super) vertex: Vertex,
-    /// Flux that arrives [W], corrected for the shading normal.
-    pub(super) flux: Spectrum,
     pub(super) partial: Partial,
-    /// From the light.
-    pub(super) edges: u32,
 }
 
 /// What a merge needs to know of a light path besides its record: its sums, the first with how often the edge is connected.
@@ -46,7 +36,6 @@ struct Chunk {
     ends: Vec<u32>,
     records: Vec<Record<MergePayload>>,
     splats: Vec<Splat>,
-    rays: u64,
 }
 
 impl LightPaths {
@@ -70,55 +59,50 @@ impl LightPaths {
     }
 }
 
-impl<'a> Estimator<'a> {
+impl Estimator<'_> {
     /// Traces all light paths on the current rayon pool.
     pub(super) fn trace_light(&self, observer: &dyn Observer, counts: &mut Counts) -> Result<LightPaths, RenderError> {
-        let count = self.plan.light_paths;
-        let sequence = self.job.light_sequence(count);
-        let chunks: Vec<Chunk> = (0..count.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                if observer.cancelled() {
-                    return Err(RenderError::Cancelled);
+        let paths = light_paths::LightPaths {
+            sequence: self.job.light_sequence(self.plan.light_paths),
+            range: 0..self.plan.light_paths,
+            max_edges: self.plan.max_edges,
+        };
+        let scene = self.job.scene;
+        let chunks = paths.trace_with(
+            scene,
+            observer,
+            counts,
+            |tracer, path, start, random, out: &mut Chunk| {
+                if let Some(start) = start {
+                    self.trace_light_path(tracer, path, &start, random, out);
                 }
-                let mut tracer = Tracer::new(self.job.scene);
-                let mut out = Chunk::default();
-                let first = chunk * CHUNK;
-                for path in first..count.min(first + CHUNK) {
-                    self.trace_light_path(&mut tracer, &sequence, path, &mut out);
-                    out.ends.push(out.vertices.len() as u32);
-                }
-                out.rays = tracer.rays;
-                Ok(out)
-            })
-            .collect::<Result<_, _>>()?;
-        counts.light_paths += u64::from(count);
-        counts.rays += chunks.iter().map(|chunk| chunk.rays).sum::<u64>();
+                out.ends.push(out.vertices.len() as u32);
+            },
+        )?;
         counts.records_stored += chunks.iter().map(|chunk| chunk.vertices.len() as u64).sum::<u64>();
         Ok(LightPaths { chunks })
     }
 
-    fn trace_light_path(&self, tracer: &mut Tracer<'a>, sequence: &Sequence, path: u32, out: &mut Chunk) {
+    fn trace_light_path(
+        &self,
+        tracer: &mut Tracer,
+        path: u32,
+        start: &EmissionSample,
+        random: &mut PathRandom,
+        out: &mut Chunk,
+    ) {
         let scene = tracer.scene;
-        let mut random = sequence.path(path);
-        let (choice, u_position, u_direction) =
-            (random.next_choice(), random.next_choice_2d(), random.next_choice_2d());
-        let Some(start) = scene
-            .lights
-            .sample_emission(&scene.geometry, choice, u_position, u_direction)
-        else {
-            return;
-        };
         let infinite = start.origin.is_infinite();
-        let (mut ray, mut flux) = (start.ray, start.flux);
-        let mut partial = self.first_light_partial(&start);
-        for edges in 1..=self.plan.max_edges {
-            let hit = tracer.intersect(&ray);
+        let mut walk = Walk::from_light(start);
+        let mut partial = self.first_light_partial(start);
+        while walk.edges < self.plan.max_edges {
+            let hit = walk.advance(tracer);
+            let edges = walk.edges;
             let parallel = infinite && edges == 1;
             if self.uses(edges + 1, 0) {
                 let free = hit.as_ref().map_or(f32::INFINITY, |point| point.distance);
-                if let Some(seen) = scene.sensor.hit_lens(&ray, free, parallel) {
-                    let value = flux * self.lens_share(&seen, partial, edges, parallel);
+                if let Some(seen) = scene.sensor.hit_lens(&walk.ray, free, parallel) {
+                    let value = walk.beta * self.lens_share(&seen, partial, edges, parallel);
                     self.splat(&seen, value, &mut self.lens_random(path, edges), out);
                 }
             }
@@ -126,44 +110,36 @@ impl<'a> Estimator<'a> {
             if edges == self.plan.max_edges {
                 return;
             }
-            let vertex = Vertex::new(scene, point, -ray.direction, TransportMode::Flux);
+            let vertex = walk.arrive(scene, point);
             let distance2 = if parallel { 1.0 } else { sqr(point.distance) };
             if edges == 1 {
                 partial.edge *= scene
                     .lights
-                    .connection_over_emission(&scene.geometry, &start, point.position);
+                    .connection_over_emission(&scene.geometry, start, point.position);
                 partial.before *= f32::from(u8::from(self.plan.techniques.hit));
             }
             partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
-            flux *= vertex.arrival_correction();
             if !vertex.is_delta() {
-                let end = LightVertex {
-                    vertex,
-                    flux,
-                    partial,
-                    edges,
-                };
+                let end = LightVertex { vertex, partial };
                 self.connect_with_lens(tracer, &end, &mut self.lens_random(path, edges), out);
                 if self.reach.is_some() {
                     let payload = MergePayload {
                         edge: partial.edge * self.light_edges.of(edges),
                         before: partial.before,
                     };
-                    out.records.push(vertex.record(vertex.wo, flux, edges).with(payload));
+                    out.records.push(vertex.record(vertex.wo, vertex.beta).with(payload));
                 }
                 if self.plan.techniques.connect {
                     out.vertices.push(end);
                 }
             }
-            let Some(scattered) = vertex.sample(&mut random) else {
+            let Some(scattered) = vertex.sample(random) else {
                 return;
             };
-            let Some(next) = go_on(&vertex, flux, &scattered, edges, &mut random) else {
+            if !walk.go_on(&vertex, &scattered, random) {
                 return;
-            };
-            flux = next;
+            }
             partial = self.partial_after(&vertex, partial, self.light_edges.of(edges), &scattered);
-            ray = point.ray_towards(scattered.wi);
         }
     }
 
@@ -190,8 +166,8 @@ impl<'a> Estimator<'a> {
 
     /// Connects the end of a light path with the lens (`t = 1`).
     fn connect_with_lens(&self, tracer: &mut Tracer, end: &LightVertex, random: &mut PathRandom, out: &mut Chunk) {
-        let (s, vertex) = (end.edges + 1, &end.vertex);
-        if !self.uses(s, 1) {
+        let vertex = &end.vertex;
+        if !self.uses(vertex.edges + 1, 1) {
             return;
         }
         let Some(seen) = tracer.scene.sensor.sample_we(vertex.point.position, random.next_2d()) else {
@@ -207,7 +183,7 @@ impl<'a> Estimator<'a> {
         let more_camera = end.partial.over_connection(
             pdf_area,
             vertex.pdf_rev(seen.direction),
-            self.light_edges.of(end.edges),
+            self.light_edges.of(vertex.edges),
             self.merges,
         );
         let hits_lens = seen.pdf.pdf_lens.map_or(0.0, |pdf_lens| {
@@ -215,11 +191,14 @@ impl<'a> Estimator<'a> {
         });
         let camera_paths = self.plan.samples as f32 / self.plan.light_paths as f32;
         let share = self.share(more_camera * camera_paths + hits_lens);
-        let value = end.flux * f * (pdf_area * share);
-        if value.is_black() || tracer.occluded(&vertex.point.shadow_ray(seen.direction, seen.visible_distance())) {
+        let value = vertex.beta * f * (pdf_area * share);
+        if value.is_black() {
             return;
         }
-        self.splat(&seen, value, random, out);
+        let transmittance = tracer.transmittance(&vertex.point.shadow_ray(seen.direction, seen.visible_distance()));
+        if !transmittance.is_black() {
+            self.splat(&seen, value * transmittance, random, out);
+        }
     }
 
     /// Importance of the lens for a light path that hits it (`t = 0`) [1/(W per radiance)], times its share.

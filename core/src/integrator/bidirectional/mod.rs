@@ -4,7 +4,7 @@
 //! A path `x_0 ... x_k` from a light to the lens is made by technique `(s, t)` of `s` vertices of a light subpath and `t` of a
 //! camera subpath, which a connection joins (`s + t = k + 1`), or by merging the two where their ends lie close to each other.
 //! Every technique that can make the path counts with its share of the balance heuristic, so that the shares add up to one
-//! ([`partial`]).
+//! ([`Partial`]).
 //!
 //! An iteration traces `M` light paths, and `S` camera paths for each pixel. Camera path `i` is connected with light path
 //! `i mod M`; all light paths are merged with all camera paths, and all are connected with the lens (`t = 1`), or hit it
@@ -12,18 +12,16 @@
 
 mod camera;
 mod light;
-mod partial;
 #[cfg(test)]
 mod tests;
 
-use super::vertex::{Scattered, Vertex};
 use super::{Counts, Iteration, Job, Observer, Phase, RenderError, render_pixels};
 use crate::map::{Reach, RecordMap};
 use crate::math::{PI, sqr};
+use crate::path::{Edges, Partial, Scattered, Vertex};
 use crate::settings::shared::PHOTONS;
 use crate::settings::{Kind, Setting};
 use crate::spectrum::Spectrum;
-use partial::{Edges, Partial};
 
 /// Light paths of an iteration. Their vertices are kept until the iteration ends, some 200 bytes each: a gigabyte for a
 /// million paths of five, and five times as much among white walls.

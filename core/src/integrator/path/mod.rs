@@ -2,7 +2,7 @@
 
 pub(super) mod settings;
 
-use super::camera_path::{self, Visit};
+use super::camera_path::CameraPath;
 use super::{Counts, Iteration, Job, Observer, Phase, RenderError, edge_limit, render_pixels};
 use crate::settings::PathSettings;
 
@@ -11,9 +11,14 @@ pub(super) fn render(job: &Job, settings: &PathSettings, observer: &dyn Observer
     let max_edges = edge_limit(settings.max_depth);
     let mut counts = Counts::default();
     let pixels = render_pixels(job, settings.samples, observer, &mut counts, |sample| {
-        camera_path::radiance(sample.tracer, sample.ray, sample.random, max_edges, |_, _, _| {
-            Visit::Walk
-        })
+        let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
+        while let Some(vertex) = path.next_vertex() {
+            path.add_next_event(&vertex);
+            if path.go_on(&vertex).is_none() {
+                break;
+            }
+        }
+        path.radiance
     })?;
     Ok(Iteration {
         pixels,

@@ -4,8 +4,8 @@ use super::kernel::{NORMALS_APART, OFF_PLANE};
 use super::query::Query;
 use crate::geometry::Ray;
 use crate::integrator::Bandwidth;
-use crate::integrator::vertex::Tracer;
 use crate::math::{FRAC_1_PI, Frame, PI, TAU, Vec3, acos, sin_cos};
+use crate::path::Tracer;
 use crate::random::PathRandom;
 use crate::settings::KernelShape;
 

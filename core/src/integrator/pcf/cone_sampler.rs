@@ -3,11 +3,11 @@
 use super::camera_lobe::{CameraLobe, LobeAt};
 use super::importons::{DEFENSIVE, Importons, Mixture};
 use super::query::is_automatic_lookup;
-use crate::integrator::light_path::Arrival;
-use crate::integrator::vertex::Vertex;
+use crate::integrator::light_paths::Arrival;
 use crate::integrator::{Bandwidth, Job};
 use crate::map::{Occupancy, Record};
 use crate::math::{Vec3, pow, sqr};
+use crate::path::Vertex;
 use crate::random::{PathRandom, Stream};
 use crate::settings::{DirectionSampler, LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
@@ -97,7 +97,7 @@ impl<'a> ConeSampler<'a> {
         let wanted = |direction: Vec3| occupancy.is_none_or(|o| o.may_count(position, direction));
         let mut push = |direction: Vec3, weight: Spectrum| {
             if !weight.is_black() {
-                records.push(vertex.record(direction, weight, arrival.edges));
+                records.push(vertex.record(direction, weight));
             }
         };
         let walked = |vertex| self.lookup == LookupVertex::Auto && is_automatic_lookup(vertex);
@@ -107,7 +107,7 @@ impl<'a> ConeSampler<'a> {
         {
             push(
                 scattered.wi,
-                arrival.flux * scattered.bsdf.f * (1.0 / scattered.bsdf.pdf),
+                vertex.beta * scattered.bsdf.f * (1.0 / scattered.bsdf.pdf),
             );
         }
         if vertex.is_delta() {
@@ -118,7 +118,7 @@ impl<'a> ConeSampler<'a> {
             let mut densities = techniques.densities(scattered.wi);
             densities[BSDF] = scattered.bsdf.pdf;
             let share = techniques.share_over_density(BSDF, densities);
-            push(scattered.wi, arrival.flux * scattered.bsdf.f * share);
+            push(scattered.wi, vertex.beta * scattered.bsdf.f * share);
         }
         let mut random = self.random(arrival);
         let (u, choice, v) = (random.next_2d(), random.next_choice(), random.next_2d());
@@ -132,7 +132,7 @@ impl<'a> ConeSampler<'a> {
         for (technique, direction) in sampled {
             if let Some(direction) = direction.filter(|direction| wanted(*direction)) {
                 let share = techniques.share_over_density(technique, techniques.densities(direction));
-                push(direction, arrival.flux * vertex.eval(direction) * share);
+                push(direction, vertex.beta * vertex.eval(direction) * share);
             }
         }
     }
@@ -156,7 +156,7 @@ impl<'a> ConeSampler<'a> {
 
     /// The random numbers of an arrival's cones: its own, so that a cone that is not sampled changes nothing for the others.
     fn random(&self, arrival: &Arrival) -> PathRandom {
-        let cone = u64::from(arrival.path) << 32 | u64::from(arrival.edges);
+        let cone = u64::from(arrival.path) << 32 | u64::from(arrival.vertex.edges);
         PathRandom::new(self.job.seed, self.job.iteration, Stream::Cone, cone)
     }
 }

@@ -24,7 +24,7 @@ mod query;
 pub(super) mod settings;
 pub mod workload;
 
-use super::light_path::LightPaths;
+use super::light_paths::LightPaths;
 use super::{Bandwidth, Counts, Iteration, Job, Observer, Phase, RenderError, edge_limit};
 use crate::map::{Occupancy, Record, RecordMap};
 use crate::settings::{LookupVertex, PcfSettings};

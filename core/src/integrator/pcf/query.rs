@@ -2,11 +2,11 @@
 
 use super::clip::share_on_surface;
 use super::kernel::Kernel;
-use crate::integrator::camera_path::{self, Visit};
-use crate::integrator::vertex::{Tracer, Vertex};
+use crate::integrator::camera_path::CameraPath;
 use crate::integrator::{Counts, GLOSSY_ROUGHNESS, Job, Observer, RenderError, edge_limit, trace_pixels};
 use crate::map::{Candidates, Occupancy, Place, Reach, RecordMap, count_edges};
 use crate::math::Vec3;
+use crate::path::{Tracer, Vertex};
 use crate::random::{PathRandom, Stream};
 use crate::settings::{LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
@@ -89,35 +89,43 @@ impl Queries {
         let max_edges = edge_limit(settings.max_depth);
         let first = pixels.start;
         let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
-            camera_path::radiance(
-                sample.tracer,
-                sample.ray,
-                sample.random,
-                max_edges,
-                |vertex, edges, throughput| {
-                    let at_lookup = is_lookup(settings.lookup_vertex, vertex, edges);
-                    if !at_lookup && !settings.nested {
-                        return Visit::Walk;
-                    }
+            let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
+            while let Some(vertex) = path.next_vertex() {
+                let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
+                let asks = at_lookup || settings.nested;
+                if asks {
                     let longest = if at_lookup { u32::MAX } else { 1 };
                     queries.push(Query {
                         position: vertex.point.position,
                         direction: vertex.wo,
                         normal: vertex.point.geometric_normal,
-                        throughput,
-                        camera_edges: edges,
-                        limit: count_edges((max_edges - edges).min(longest)),
-                        surface: Surface::of(vertex),
+                        throughput: vertex.beta,
+                        camera_edges: vertex.edges,
+                        limit: count_edges((max_edges - vertex.edges).min(longest)),
+                        surface: Surface::of(&vertex),
                         pixel: (sample.pixel - first) as u32,
                         radiance: Spectrum::ZERO,
                     });
-                    match settings.lookup_vertex {
-                        _ if !at_lookup => Visit::WalkOnly,
-                        LookupVertex::Fixed(_) => Visit::End,
-                        LookupVertex::Auto => Visit::WalkAlongDelta,
-                    }
-                },
-            )
+                } else {
+                    path.add_next_event(&vertex);
+                }
+                // An automatic lookup has counted all lobes but delta functions.
+                let walks = match settings.lookup_vertex {
+                    _ if !at_lookup => true,
+                    LookupVertex::Fixed(_) => false,
+                    LookupVertex::Auto => vertex.has_delta(),
+                };
+                let Some(scattered) = walks.then(|| path.go_on(&vertex)).flatten() else {
+                    break;
+                };
+                if at_lookup && !scattered.bsdf.delta {
+                    break;
+                }
+                if asks && !at_lookup {
+                    path.count_no_light_on_next_edge();
+                }
+            }
+            path.radiance
         })?;
         Ok(Self {
             pixels,
@@ -246,9 +254,9 @@ impl Queries {
     }
 }
 
-fn is_lookup(lookup: LookupVertex, vertex: &Vertex, edges: u32) -> bool {
+fn is_lookup(lookup: LookupVertex, vertex: &Vertex) -> bool {
     match lookup {
-        LookupVertex::Fixed(k) => edges == k,
+        LookupVertex::Fixed(k) => vertex.edges == k,
         LookupVertex::Auto => is_automatic_lookup(vertex),
     }
 }

@@ -10,12 +10,12 @@
 
 pub(super) mod settings;
 
-use super::camera_path::{self, Visit};
-use super::light_path::LightPaths;
-use super::vertex::Vertex;
+use super::camera_path::CameraPath;
+use super::light_paths::LightPaths;
 use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
 use crate::map::{Reach, RecordMap, count_edges};
 use crate::math::{PI, sqr};
+use crate::path::Vertex;
 use crate::settings::PppmSettings;
 use crate::spectrum::Spectrum;
 use std::ops::Range;
@@ -103,8 +103,8 @@ fn gather_batch(
     };
     let photons = paths.trace(job.scene, observer, counts, |arrival, photons| {
         let vertex = arrival.vertex;
-        if arrival.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
-            photons.push(vertex.record(vertex.wo, arrival.flux, arrival.edges));
+        if vertex.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
+            photons.push(vertex.record(vertex.wo, vertex.beta));
         }
     })?;
 
@@ -118,22 +118,27 @@ fn gather_batch(
         let radius = (discs.radius_of)(sample.pixel);
         let reach = Reach::new(radius, PI);
         let mut found = 0;
-        let radiance = camera_path::radiance(
-            sample.tracer,
-            sample.ray,
-            sample.random,
-            max_edges,
-            |vertex, edges, _| {
-                if vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
-                    return Visit::Walk;
-                }
-                let limit = count_edges(max_edges - edges);
+        let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
+        let radiance = loop {
+            let Some(vertex) = path.next_vertex() else {
+                break path.radiance;
+            };
+            let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
+            if rough {
+                let limit = count_edges(max_edges - vertex.edges);
                 let reach = reach.at(vertex.point.position);
-                let (sum, photons) = gather(&map, &reach, vertex, limit, counts);
+                let (sum, photons) = gather(&map, &reach, &vertex, limit, counts);
                 found += photons;
-                Visit::AddAndEndAfterDirect(sum * (1.0 / (light_paths * PI * sqr(reach.radius()))))
-            },
-        );
+                path.radiance += vertex.beta * (sum * (1.0 / (light_paths * PI * sqr(reach.radius()))));
+            }
+            path.add_next_event(&vertex);
+            match path.go_on(&vertex) {
+                None => break path.radiance,
+                // What the rough lobe's directions find is direct light at this vertex; the photons are all other light.
+                Some(scattered) if rough && !scattered.bsdf.delta => break path.end_with_edge(),
+                Some(_) => {}
+            }
+        };
         counted.push(found);
         radiance
     })?;

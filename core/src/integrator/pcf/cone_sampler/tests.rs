@@ -2,10 +2,10 @@ use super::super::importons::Mixture;
 use super::super::tests::load;
 use super::*;
 use crate::chi_square::{assert_directions, assert_narrow};
-use crate::integrator::vertex::Tracer;
 use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::math::warp::square_to_sphere;
+use crate::path::Tracer;
 
 fn mixture() -> Mixture {
     let lobe = |x: f32, y: f32, z: f32| Vec3::new(x, y, z).normalize();

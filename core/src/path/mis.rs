@@ -1,6 +1,6 @@
-//! Shares of techniques, from two sums that each vertex of a subpath keeps.
+//! Shares of techniques: of two that sample a direction, and of all that can make a path from both sides.
 //!
-//! A path counts for a technique with the share that the balance heuristic gives it: the technique's density times its number of
+//! The latter come from two sums that each vertex of a subpath keeps. A path counts for a technique with the share that the balance heuristic gives it: the technique's density times its number of
 //! paths, over the sum of these products of all techniques that make the same path. Every other technique moves the
 //! connection along the path, so that its product over this one's is a product of local terms. What the vertices before the end of a
 //! subpath contribute to the sum is kept with the end, and two subpaths that meet only add what depends on both
@@ -9,29 +9,40 @@
 //!
 //! Shares hold no Russian roulette and no shading normals, on either side: they only have to add up to one.
 
+use crate::math::sqr;
+
+/// Power heuristic with beta = 2 for one sample of each of two techniques (Veach 1997, equation 9.13), written so that large
+/// densities do not overflow.
+pub(crate) fn power_heuristic(pdf: f32, other: f32) -> f32 {
+    if pdf == 0.0 {
+        return 0.0;
+    }
+    1.0 / (1.0 + sqr(other / pdf))
+}
+
 /// The sums of a vertex, in terms of densities by area.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Partial {
+pub(crate) struct Partial {
     /// One over the density of the vertex: what connecting the edge before it would make of this technique. 0 where a delta function
     /// chose its direction.
-    pub(super) edge: f32,
+    pub(crate) edge: f32,
     /// The same of all techniques that leave more of the subpath to the other side, without the density with which the other side
     /// chooses the direction of the edge before the vertex [sr].
-    pub(super) before: f32,
+    pub(crate) before: f32,
 }
 
 /// How often the connection of an edge is tried for each path: 0 where the technique is off.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Edges {
+pub(crate) struct Edges {
     /// Of the subpath's first edge.
-    pub(super) first: f32,
+    pub(crate) first: f32,
     /// Of the others.
-    pub(super) others: f32,
+    pub(crate) others: f32,
 }
 
 impl Edges {
     /// Of edge number `edge` of the subpath, from 1.
-    pub(super) fn of(self, edge: u32) -> f32 {
+    pub(crate) fn of(self, edge: u32) -> f32 {
         if edge == 1 { self.first } else { self.others }
     }
 }
@@ -39,7 +50,7 @@ impl Edges {
 impl Partial {
     /// After scattering with the solid-angle density `pdf` [1/sr] at an angle of cosine `cos`, until the next vertex is known. `pdf_rev` is the
     /// density of the way back, `edge` how often the edge before the vertex is connected, and `merges` the factor of merging at it.
-    pub(super) fn after(self, cos: f32, pdf: f32, pdf_rev: f32, edge: f32, merges: f32) -> Self {
+    pub(crate) fn after(self, cos: f32, pdf: f32, pdf_rev: f32, edge: f32, merges: f32) -> Self {
         Self {
             edge: 1.0 / pdf,
             before: cos / pdf * (self.before * pdf_rev + edge * self.edge + merges),
@@ -48,7 +59,7 @@ impl Partial {
 
     /// After a delta function chose the direction. Nothing can be connected or merged there; `ratio` is the density of choosing the way
     /// back over that of choosing the way.
-    pub(super) fn after_delta(self, cos: f32, ratio: f32) -> Self {
+    pub(crate) fn after_delta(self, cos: f32, ratio: f32) -> Self {
         Self {
             edge: 0.0,
             before: cos * ratio * self.before,
@@ -57,7 +68,7 @@ impl Partial {
 
     /// At the next vertex, which faces the direction with cosine `cos`: densities by solid angle become densities by area at the squared
     /// distance `distance2`, which is 1 for parallel rays.
-    pub(super) fn arrived(self, distance2: f32, cos: f32) -> Self {
+    pub(crate) fn arrived(self, distance2: f32, cos: f32) -> Self {
         Self {
             edge: self.edge * distance2 / cos,
             before: self.before / cos,
@@ -66,12 +77,12 @@ impl Partial {
 
     /// Products of the techniques that leave more of this subpath to the other side, over a connection with its end. `pdf_area` is the
     /// density by area with which the other side arrives at the end, and `pdf_rev` [1/sr] with which it goes on along the edge before it.
-    pub(super) fn over_connection(self, pdf_area: f32, pdf_rev: f32, edge: f32, merges: f32) -> f32 {
+    pub(crate) fn over_connection(self, pdf_area: f32, pdf_rev: f32, edge: f32, merges: f32) -> f32 {
         pdf_area * (self.before * pdf_rev + edge * self.edge + merges)
     }
 
     /// The same over a merge at the end.
-    pub(super) fn over_merge(self, pdf_rev: f32, edge: f32, merges: f32) -> f32 {
+    pub(crate) fn over_merge(self, pdf_rev: f32, edge: f32, merges: f32) -> f32 {
         (self.before * pdf_rev + edge * self.edge) / merges
     }
 }

@@ -1,0 +1,100 @@
+//! The light paths of an iteration, traced on all threads.
+
+use super::{Counts, Observer, RenderError};
+use crate::light::EmissionSample;
+use crate::map::Record;
+use crate::path::{Scattered, Tracer, Vertex, Walk};
+use crate::random::{PathRandom, Sequence};
+use crate::scene::Scene;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Light paths that one task traces.
+pub(super) const CHUNK: u32 = 4096;
+
+/// A vertex of a light path.
+pub(super) struct Arrival<'b> {
+    pub(super) vertex: &'b Vertex,
+    /// Index of the light path in its iteration.
+    pub(super) path: u32,
+    /// Where the path goes on, sampled from the BSDF.
+    pub(super) scattered: Option<&'b Scattered>,
+}
+
+/// Which light paths to trace.
+pub(super) struct LightPaths {
+    /// Their random numbers.
+    pub(super) sequence: Sequence,
+    /// Indices of the paths, of all M of the iteration.
+    pub(super) range: Range<u32>,
+    /// Most edges from the light to a vertex.
+    pub(super) max_edges: u32,
+}
+
+impl LightPaths {
+    /// Traces the paths on the current rayon pool, a chunk of [`CHUNK`] by each task; `trace` follows one from its start and puts what
+    /// becomes of it into the chunk's result. Results come back in the order of paths.
+    pub(super) fn trace_with<T: Default + Send>(
+        &self,
+        scene: &Scene,
+        observer: &dyn Observer,
+        counts: &mut Counts,
+        trace: impl Fn(&mut Tracer, u32, Option<EmissionSample>, &mut PathRandom, &mut T) + Sync,
+    ) -> Result<Vec<T>, RenderError> {
+        let count = self.range.len() as u32;
+        let chunks: Vec<(T, u64)> = (0..count.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                if observer.cancelled() {
+                    return Err(RenderError::Cancelled);
+                }
+                let mut tracer = Tracer::new(scene);
+                let mut result = T::default();
+                let first = self.range.start + chunk * CHUNK;
+                for path in first..self.range.end.min(first + CHUNK) {
+                    let mut random = self.sequence.path(path);
+                    let (choice, u_position) = (random.next_choice(), random.next_choice_2d());
+                    let u_direction = random.next_choice_2d();
+                    let start = scene
+                        .lights
+                        .sample_emission(&scene.geometry, choice, u_position, u_direction);
+                    trace(&mut tracer, path, start, &mut random, &mut result);
+                }
+                Ok((result, tracer.rays))
+            })
+            .collect::<Result<_, _>>()?;
+        counts.light_paths += u64::from(count);
+        counts.rays += chunks.iter().map(|(_, rays)| rays).sum::<u64>();
+        Ok(chunks.into_iter().map(|(result, _)| result).collect())
+    }
+
+    /// Traces the paths; `store` puts the records of each arrival into the chunk's list. Chunks come back in the order of paths.
+    pub(super) fn trace(
+        &self,
+        scene: &Scene,
+        observer: &dyn Observer,
+        counts: &mut Counts,
+        store: impl Fn(&Arrival, &mut Vec<Record>) + Sync,
+    ) -> Result<Vec<Vec<Record>>, RenderError> {
+        let chunks = self.trace_with(scene, observer, counts, |tracer, path, start, random, records| {
+            let Some(start) = start else { return };
+            let mut walk = Walk::from_light(&start);
+            while walk.edges < self.max_edges {
+                let Some(point) = walk.advance(tracer) else { return };
+                let vertex = walk.arrive(scene, point);
+                let scattered = vertex.sample(random);
+                let arrival = Arrival {
+                    vertex: &vertex,
+                    path,
+                    scattered: scattered.as_ref(),
+                };
+                store(&arrival, records);
+                if !scattered.is_some_and(|scattered| walk.go_on(&vertex, &scattered, random)) {
+                    return;
+                }
+            }
+        })?;
+        counts.records_stored += chunks.iter().map(|records| records.len() as u64).sum::<u64>();
+        Ok(chunks)
+    }
+}

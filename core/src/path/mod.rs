@@ -1,0 +1,14 @@
+//! Subpaths, from the camera or from a light: their walk, their vertices, the rays between these, and the shares of techniques.
+//!
+//! A subpath is a [`Walk`]: it traces an edge, makes a [`Vertex`] of what the edge hits, and goes on in a direction sampled
+//! there. What is found at a vertex, and what it is connected or merged with, is the integrator's business.
+
+mod mis;
+mod tracer;
+mod vertex;
+mod walk;
+
+pub(crate) use mis::{Edges, Partial, power_heuristic};
+pub(crate) use tracer::Tracer;
+pub(crate) use vertex::{Scattered, Vertex};
+pub(crate) use walk::Walk;
