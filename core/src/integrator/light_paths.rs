@@ -31,6 +31,14 @@ pub(super) struct LightPaths {
     pub(super) max_edges: u32,
 }
 
+/// Starts a light path; `None` where it would carry nothing.
+pub(super) fn start(scene: &Scene, random: &mut PathRandom) -> Option<EmissionSample> {
+    let (choice, u_position, u_direction) = (random.next_choice(), random.next_choice_2d(), random.next_choice_2d());
+    scene
+        .lights
+        .sample_emission(&scene.geometry, choice, u_position, u_direction)
+}
+
 impl LightPaths {
     /// Traces the paths on the current rayon pool, a chunk of [`CHUNK`] by each task; `trace` follows one from its start and puts what
     /// becomes of it into the chunk's result. Results come back in the order of paths.
@@ -53,11 +61,7 @@ impl LightPaths {
                 let first = self.range.start + chunk * CHUNK;
                 for path in first..self.range.end.min(first + CHUNK) {
                     let mut random = self.sequence.path(path);
-                    let (choice, u_position) = (random.next_choice(), random.next_choice_2d());
-                    let u_direction = random.next_choice_2d();
-                    let start = scene
-                        .lights
-                        .sample_emission(&scene.geometry, choice, u_position, u_direction);
+                    let start = start(scene, &mut random);
                     trace(&mut tracer, path, start, &mut random, &mut result);
                 }
                 Ok((result, tracer.rays))

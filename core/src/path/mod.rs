@@ -10,5 +10,5 @@ mod walk;
 
 pub(crate) use mis::{Edges, Partial, power_heuristic};
 pub(crate) use tracer::Tracer;
-pub(crate) use vertex::{Scattered, Vertex};
+pub(crate) use vertex::{Scattered, Towards, Vertex};
 pub(crate) use walk::Walk;

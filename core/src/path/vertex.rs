@@ -25,6 +25,16 @@ pub(crate) struct Vertex {
     mode: TransportMode,
 }
 
+/// A direction in which a vertex is connected or merged, delta lobes left out.
+pub(crate) struct Towards {
+    /// f(wo, wi) [1/sr].
+    pub(crate) f: Spectrum,
+    /// Solid-angle density of sampling the direction [1/sr].
+    pub(crate) pdf: f32,
+    /// Solid-angle density of sampling the direction back along the path, for a path that comes along this one [1/sr].
+    pub(crate) pdf_rev: f32,
+}
+
 /// A direction sampled from the material.
 pub(crate) struct Scattered {
     /// Unit direction in the world.
@@ -66,9 +76,14 @@ impl Vertex {
         self.bsdf.pdf(self.wo_local, self.point.frame.to_local(wi))
     }
 
-    /// Solid-angle density [1/sr] of sampling the direction back along the path, for a path that comes along `wi`.
-    pub(crate) fn pdf_rev(&self, wi: Vec3) -> f32 {
-        self.bsdf.pdf(self.point.frame.to_local(wi), self.wo_local)
+    /// f and both densities of a direction at once.
+    pub(crate) fn towards(&self, wi: Vec3) -> Towards {
+        let wi = self.point.frame.to_local(wi);
+        Towards {
+            f: self.bsdf.f(self.wo_local, wi, self.mode),
+            pdf: self.bsdf.pdf(self.wo_local, wi),
+            pdf_rev: self.bsdf.pdf(wi, self.wo_local),
+        }
     }
 
     /// The density with which the way back of a direction sampled here would have been sampled [1/sr]; where a delta function chose

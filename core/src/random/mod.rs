@@ -1,4 +1,7 @@
-//! Counter-based random numbers: a pure function of (job seed, iteration, stream, path, dimension).
+//! The random numbers that drive paths: a pure function of (job seed, iteration, stream, path, dimension).
+//!
+//! A path draws them from a [`PathRandom`], whatever they are: numbers by counters, points of a Sobol' sequence, or a vector that
+//! somebody wrote down or changed. Paths of the same numbers are the same path, to the last bit.
 //!
 //! No generator is shared and no state is carried between paths, so the numbers do not depend on threads or on
 //! who renders what. The mixing function is the finaliser of SplitMix64 (Steele, Lea and Flood 2014) applied to a
@@ -8,6 +11,7 @@ mod sobol;
 
 use crate::math::{DVec2, Vec2};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// What a path's random numbers are for; streams never share numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,8 +57,17 @@ pub struct Sequence {
 #[derive(Clone, Debug)]
 pub struct PathRandom {
     key: u64,
+    /// Draws so far.
     dimension: u64,
-    point: Option<sobol::Point>,
+    source: Source,
+}
+
+/// Where the first draws of a path come from; the others are independent numbers.
+#[derive(Clone, Debug)]
+enum Source {
+    Independent,
+    Point(sobol::Point),
+    Vector(Arc<[DVec2]>),
 }
 
 /// Draws of a path that are taken from a Sobol' sequence: pixel, lens and three vertices of a camera path, emission and three
@@ -102,7 +115,10 @@ impl Sequence {
         PathRandom {
             key: path_key(self.key, self.first_path + path),
             dimension: 0,
-            point: self.points.map(|(key, first)| sobol::Point::new(key, first + path)),
+            source: match self.points {
+                None => Source::Independent,
+                Some((key, first)) => Source::Point(sobol::Point::new(key, first + path)),
+            },
         }
     }
 }
@@ -118,7 +134,28 @@ impl PathRandom {
         Self {
             key: path_key(iteration_key(seed, iteration, stream), path),
             dimension: 0,
-            point: None,
+            source: Source::Independent,
+        }
+    }
+
+    /// The draws so far as a vector of the primary sample space (Kelemen et al. 2002): each as two numbers on [0, 1), of which a draw of
+    /// one number has used the first.
+    #[must_use]
+    pub fn recorded(&self) -> Vec<DVec2> {
+        let mut again = Self {
+            dimension: 0,
+            ..self.clone()
+        };
+        (0..self.dimension).map(|_| again.next_choice_2d()).collect()
+    }
+
+    /// The same path from its start, but with the draws of `vector`, two numbers on [0, 1) each; beyond its end with independent ones.
+    #[must_use]
+    pub fn replay(&self, vector: &[DVec2]) -> Self {
+        Self {
+            key: self.key,
+            dimension: 0,
+            source: Source::Vector(vector.into()),
         }
     }
 
@@ -126,11 +163,14 @@ impl PathRandom {
     #[must_use]
     pub fn next_1d(&mut self) -> f32 {
         self.dimension += 1;
-        let bits = match &self.point {
-            Some(point) if self.dimension <= SOBOL_DRAWS => u64::from(point.coordinate(self.dimension)) << 32,
-            _ => self.bits(),
+        let upper = match &self.source {
+            Source::Point(point) if self.dimension <= SOBOL_DRAWS => point.coordinate(self.dimension),
+            Source::Vector(vector) if self.dimension <= vector.len() as u64 => {
+                upper(vector[self.dimension as usize - 1].x)
+            }
+            _ => (self.bits() >> 32) as u32,
         };
-        (bits >> 40) as f32 * UNIT
+        (upper >> 8) as f32 * UNIT
     }
 
     /// The next two numbers: 24 random bits each.
@@ -150,6 +190,12 @@ impl PathRandom {
     /// digit beyond those that are stratified.
     #[must_use]
     pub fn next_choice_2d(&mut self) -> DVec2 {
+        if let Source::Vector(vector) = &self.source
+            && let Some(draw) = vector.get(self.dimension as usize)
+        {
+            self.dimension += 1;
+            return *draw;
+        }
         let [x, y] = self.next_pair();
         let below = mix(self.bits());
         let number = |upper: u32, lower: u32| (u64::from(upper) << 21 | u64::from(lower >> 11)) as f64 * UNIT_OF_CHOICE;
@@ -158,8 +204,12 @@ impl PathRandom {
 
     fn next_pair(&mut self) -> [u32; 2] {
         self.dimension += 1;
-        match &self.point {
-            Some(point) if self.dimension <= SOBOL_DRAWS => point.pair(self.dimension),
+        match &self.source {
+            Source::Point(point) if self.dimension <= SOBOL_DRAWS => point.pair(self.dimension),
+            Source::Vector(vector) if self.dimension <= vector.len() as u64 => {
+                let draw = vector[self.dimension as usize - 1];
+                [upper(draw.x), upper(draw.y)]
+            }
             _ => {
                 let bits = self.bits();
                 [(bits >> 32) as u32, bits as u32]
@@ -170,6 +220,11 @@ impl PathRandom {
     fn bits(&self) -> u64 {
         mix(self.key.wrapping_add(self.dimension.wrapping_mul(GOLDEN)))
     }
+}
+
+/// The upper 32 bits of a number on [0, 1).
+fn upper(number: f64) -> u32 {
+    (number * (1u64 << 32) as f64) as u32
 }
 
 /// One over the number of values of 24 bits.
@@ -293,6 +348,31 @@ mod tests {
             first(3, Stream::Camera, 0),
         ] {
             assert_ne!(one, other);
+        }
+    }
+
+    /// Draws of every kind, more of them than a Sobol' point has coordinates for.
+    #[test]
+    fn a_recorded_path_is_replayed() {
+        let draw = |numbers: &mut PathRandom, index: u32| match index % 3 {
+            0 => DVec2::new(f64::from(numbers.next_1d()), 0.0),
+            1 => numbers.next_2d().as_dvec2(),
+            _ => numbers.next_choice_2d(),
+        };
+        for sampling in [Sampling::Independent, Sampling::Sobol] {
+            let sequence = sampling.sequence(5, 2, Stream::Camera, 10, 4);
+            let mut path = sequence.path(3);
+            let drawn: Vec<DVec2> = (0..40).map(|index| draw(&mut path, index)).collect();
+            let vector = path.recorded();
+            assert_eq!(vector.len(), 40);
+            let mut other = sequence.path(0).replay(&vector);
+            let again: Vec<DVec2> = (0..40).map(|index| draw(&mut other, index)).collect();
+            assert_eq!(again, drawn);
+            assert_ne!(
+                other.next_2d(),
+                path.next_2d(),
+                "beyond the vector each path has its own numbers"
+            );
         }
     }
 

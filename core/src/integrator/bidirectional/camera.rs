@@ -6,7 +6,7 @@ use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
 use crate::map::{Reach, RecordMap, count_edges};
 use crate::math::{DVec2, FRAC_1_PI, PI, sqr};
-use crate::path::{Partial, Tracer, Vertex, Walk};
+use crate::path::{Partial, Towards, Tracer, Vertex, Walk};
 
 /// The end of a camera subpath.
 struct End {
@@ -133,13 +133,14 @@ impl<'a> Estimator<'a> {
         let Some((light, f)) = tracer.connect_with_light(vertex, choice, u) else {
             return Spectrum::ZERO;
         };
+        let Towards { pdf, pdf_rev, .. } = vertex.towards(light.wi);
         let found = match light.delta {
-            false if self.plan.techniques.hit => vertex.pdf(light.wi) / light.pdf,
+            false if self.plan.techniques.hit => pdf / light.pdf,
             _ => 0.0,
         };
         let more_light = end.partial.over_connection(
             light.arrival * vertex.cos_geometric(light.wi),
-            vertex.pdf_rev(light.wi),
+            pdf_rev,
             self.camera_edges.of(end.vertex.edges),
             self.merges,
         );
@@ -154,21 +155,22 @@ impl<'a> Estimator<'a> {
         let distance2 = offset.length_squared();
         let distance = distance2.sqrt();
         let wi = offset / distance;
-        let f = camera.eval(wi) * light.eval(-wi);
+        let (at_camera, at_light) = (camera.towards(wi), light.towards(-wi));
+        let f = at_camera.f * at_light.f;
         if f.is_black() || distance2 == 0.0 {
             return Spectrum::ZERO;
         }
         let per_area = 1.0 / distance2;
         let light_cos = light.cos_geometric(wi);
         let more_camera = other.partial.over_connection(
-            camera.pdf(wi) * light_cos * per_area,
-            light.pdf_rev(-wi),
+            at_camera.pdf * light_cos * per_area,
+            at_light.pdf_rev,
             self.light_edges.of(light.edges),
             self.merges,
         );
         let more_light = end.partial.over_connection(
-            light.pdf(-wi) * camera.cos_geometric(wi) * per_area,
-            camera.pdf_rev(wi),
+            at_light.pdf * camera.cos_geometric(wi) * per_area,
+            at_camera.pdf_rev,
             self.camera_edges.of(end.vertex.edges),
             self.merges,
         );
@@ -191,16 +193,15 @@ impl<'a> Estimator<'a> {
             if photon.edges() > limit {
                 return;
             }
-            let wi = photon.direction();
-            let f = vertex.eval(wi);
+            let Towards { f, pdf, pdf_rev } = vertex.towards(photon.direction());
             if f.is_black() {
                 return;
             }
             counted += 1;
             let MergePayload { edge, before } = photon.payload();
             let light = Partial { edge, before };
-            let others = light.over_merge(vertex.pdf(wi), 1.0, self.merges)
-                + end.partial.over_merge(vertex.pdf_rev(wi), camera_edge, self.merges);
+            let others =
+                light.over_merge(pdf, 1.0, self.merges) + end.partial.over_merge(pdf_rev, camera_edge, self.merges);
             sum += f * photon.weight() * self.share(others);
         });
         let paths = self.plan.light_paths as f32;

@@ -5,7 +5,7 @@ use crate::integrator::light_paths::{self, CHUNK};
 use crate::light::{EmissionSample, Origin};
 use crate::map::Record;
 use crate::math::sqr;
-use crate::path::{Partial, Tracer, Vertex, Walk};
+use crate::path::{Partial, Towards, Tracer, Vertex, Walk};
 use crate::random::{PathRandom, Stream};
 use crate::sensor::SensorSample;
 use crate::spectrum::Spectrum;
@@ -30,12 +30,19 @@ pub(super) struct LightPaths {
 }
 
 #[derive(Default)]
-struct Chunk {
+pub(super) struct Chunk {
     vertices: Vec<LightVertex>,
     /// For each path, where its vertices end.
     ends: Vec<u32>,
     records: Vec<Record<MergePayload>>,
     splats: Vec<Splat>,
+}
+
+#[cfg(test)]
+impl Chunk {
+    pub(super) fn vertices(&self) -> &[LightVertex] {
+        &self.vertices
+    }
 }
 
 impl LightPaths {
@@ -83,7 +90,7 @@ impl Estimator<'_> {
         Ok(LightPaths { chunks })
     }
 
-    fn trace_light_path(
+    pub(super) fn trace_light_path(
         &self,
         tracer: &mut Tracer,
         path: u32,
@@ -173,22 +180,20 @@ impl Estimator<'_> {
         let Some(seen) = tracer.scene.sensor.sample_we(vertex.point.position, random.next_2d()) else {
             return;
         };
-        let f = vertex.eval(seen.direction);
+        let Towards { f, pdf, pdf_rev } = vertex.towards(seen.direction);
         if f.is_black() {
             return;
         }
         // Density of camera rays by area at the vertex.
         let cos = vertex.cos_geometric(seen.direction);
         let pdf_area = seen.pdf_area() * cos;
-        let more_camera = end.partial.over_connection(
-            pdf_area,
-            vertex.pdf_rev(seen.direction),
-            self.light_edges.of(vertex.edges),
-            self.merges,
-        );
-        let hits_lens = seen.pdf.pdf_lens.map_or(0.0, |pdf_lens| {
-            vertex.pdf(seen.direction) * seen.pdf.cos / (sqr(seen.distance) * pdf_lens)
-        });
+        let more_camera =
+            end.partial
+                .over_connection(pdf_area, pdf_rev, self.light_edges.of(vertex.edges), self.merges);
+        let hits_lens = seen
+            .pdf
+            .pdf_lens
+            .map_or(0.0, |pdf_lens| pdf * seen.pdf.cos / (sqr(seen.distance) * pdf_lens));
         let camera_paths = self.plan.samples as f32 / self.plan.light_paths as f32;
         let share = self.share(more_camera * camera_paths + hits_lens);
         let value = vertex.beta * f * (pdf_area * share);
