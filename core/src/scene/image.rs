@@ -1,8 +1,9 @@
-//! Images: PNG, JPEG, BMP, TGA and Radiance HDR by the `image` crate, OpenEXR by `exr`, all into linear colour.
+//! Images: PNG, JPEG, BMP, TGA and Radiance HDR by the `image` crate, OpenEXR by `exr`, PFM by [`pfm`], all into linear colour.
 
 use super::error::{Place, SceneError, within};
 use super::faults::FileFaults;
 use super::loader::LoadedFile;
+use super::pfm;
 use crate::math::pow;
 use crate::spectrum::Spectrum;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
@@ -24,7 +25,7 @@ pub(crate) struct LinearImage {
 
 /// Whether an image holds integers, which are sRGB values as a rule, and not linear floats.
 pub(crate) fn is_encoded(bytes: &[u8]) -> bool {
-    !bytes.starts_with(&EXR) && !bytes.starts_with(b"#?")
+    !bytes.starts_with(&EXR) && !bytes.starts_with(b"#?") && !pfm::is_pfm(bytes)
 }
 
 /// Decodes an image of at most `texel_limit` texels. `raw`: 8- and 16-bit values are linear already, not sRGB.
@@ -60,6 +61,8 @@ fn decode(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage,
     };
     if file.bytes.starts_with(&EXR) {
         read_exr(file, &place, check_size)
+    } else if pfm::is_pfm(&file.bytes) {
+        pfm::read(file, &place, check_size)
     } else {
         read_other(file, &place, raw, texel_limit, check_size)
     }
@@ -72,7 +75,7 @@ fn read_other(
     texel_limit: u64,
     check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
 ) -> Result<LinearImage, SceneError> {
-    let formats = "allowed: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR";
+    let formats = "allowed: OpenEXR, PFM, PNG, JPEG, BMP, TGA, Radiance HDR";
     let format = image::guess_format(&file.bytes).ok().or_else(|| {
         file.name
             .to_ascii_lowercase()

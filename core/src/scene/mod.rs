@@ -14,6 +14,7 @@ mod lamps;
 mod limits;
 mod loader;
 mod mesh;
+mod pfm;
 mod reader;
 mod spectrum;
 #[cfg(test)]
