@@ -37,6 +37,32 @@ impl Spectrum {
         self.0
     }
 
+    /// From the value of each channel.
+    #[must_use]
+    #[inline]
+    pub const fn from_channels(channels: [f32; CHANNELS]) -> Self {
+        Self(channels)
+    }
+
+    /// The value of each channel.
+    #[must_use]
+    #[inline]
+    pub const fn channels(self) -> [f32; CHANNELS] {
+        self.0
+    }
+
+    /// The average, summed at double precision.
+    #[must_use]
+    pub fn average(values: &[Self]) -> Self {
+        let mut sums = [0.0; CHANNELS];
+        for value in values {
+            for (sum, channel) in sums.iter_mut().zip(value.0) {
+                *sum += f64::from(channel);
+            }
+        }
+        Self(sums.map(|sum| (sum / values.len() as f64) as f32))
+    }
+
     /// Applies `f` to each channel.
     #[must_use]
     #[inline]

@@ -3,8 +3,8 @@
 //! Conventions are Mitsuba 3's: u runs to the right, v runs *down* the image, texel (i, j) covers
 //! `[i, i + 1) / width` by `[j, j + 1) / height`, and its value holds at its centre.
 
-use crate::math::{DVec3, Vec2};
-use crate::spectrum::{CHANNELS, Spectrum};
+use crate::math::Vec2;
+use crate::spectrum::Spectrum;
 use std::sync::Arc;
 
 /// A reflectance, radiance or optical constant that may vary over the surface. Whoever builds one checks the range of
@@ -132,15 +132,7 @@ impl Bitmap {
     }
 
     fn mean(&self) -> Spectrum {
-        // A Spectrum has as many channels as a DVec3 has components; doubles keep the sum of a large image exact enough.
-        const { assert!(CHANNELS == 3) }
-        let sum: DVec3 = self
-            .texels
-            .iter()
-            .map(|t| DVec3::new(t[0].into(), t[1].into(), t[2].into()))
-            .sum();
-        let mean = sum / self.texels.len() as f64;
-        Spectrum::from_rgb(mean.as_vec3().to_array())
+        Spectrum::average(&self.texels)
     }
 }
 

@@ -313,12 +313,12 @@ fn pixels_of_version_1(node: &Node) -> Vec<f32> {
     let (sums, _) = sums.as_chunks::<CHANNELS>();
     let n = node.iterations() as f32;
     let pixel = |(sum, squares): (&[f32; CHANNELS], &f32)| {
-        let luminance = Spectrum::from_rgb(*sum).luminance();
+        let luminance = Spectrum::from_channels(*sum).luminance();
         let error = match node.level {
             0 => 0.0,
             _ => ((squares - luminance * (luminance / n)) * (n / (n - 1.0))).clamp(0.0, f32::MAX),
         };
-        [sum[0], sum[1], sum[2], error]
+        (*sum).into_iter().chain([error])
     };
     sums.iter().zip(squares).flat_map(pixel).collect()
 }
