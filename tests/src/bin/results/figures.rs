@@ -6,8 +6,10 @@ mod guiding;
 mod page;
 mod picture;
 mod probes;
+pub(crate) mod race;
 mod runs;
 mod stage;
+pub(crate) mod strategies;
 
 use crate::Options;
 use anyhow::Result;

@@ -45,6 +45,10 @@ enum Part {
     Sampling,
     /// Light leaks and boundary bias, with and without the surface test
     Leaks,
+    /// The error of each integrator against its time
+    EqualTime,
+    /// What each bidirectional technique finds alone, as pictures
+    Strategies,
 }
 
 /// What every part is told.
@@ -56,7 +60,7 @@ pub(crate) struct Options {
     /// Folder that holds the example scenes
     #[arg(long, global = true, value_name = "FOLDER", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes"))]
     pub(crate) scenes: PathBuf,
-    /// Folder of scenes made by others; what needs the scene `torus` in it is left out without
+    /// Folder of scenes made by others; what needs `torus`, `water-caustic` or `veach-bidir` in it is left out without
     #[arg(long, global = true, value_name = "FOLDER", env = "PHOTONFARM_SCENES")]
     pub(crate) others: Option<PathBuf>,
     /// Folder to write to; it is made where it is missing
@@ -82,6 +86,12 @@ fn main() -> Result<()> {
     }
     if part_is(|p| matches!(p, Part::Leaks)) {
         leaks::run(&options).context("leaks")?;
+    }
+    if part_is(|p| matches!(p, Part::EqualTime)) {
+        figures::race::run(&options).context("equal time")?;
+    }
+    if part_is(|p| matches!(p, Part::Strategies)) {
+        figures::strategies::run(&options).context("strategies")?;
     }
     Ok(())
 }

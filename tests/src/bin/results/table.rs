@@ -11,7 +11,9 @@ use indicatif::ProgressBar;
 use layout::{Chain, Emitter, Eye, Layout};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
-use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::settings::{
+    BdptSettings, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings, VcmSettings,
+};
 use photonfarm_tests::render::mean_luminance;
 use photonfarm_tests::statistics::Moments;
 
@@ -23,10 +25,20 @@ enum Column {
     Pcf,
     NestedPcf,
     FirstVertexPcf,
+    Bdpt,
+    Vcm,
 }
 
 impl Column {
-    const ALL: [Self; 5] = [Self::Path, Self::Pppm, Self::Pcf, Self::NestedPcf, Self::FirstVertexPcf];
+    const ALL: [Self; 7] = [
+        Self::Path,
+        Self::Pppm,
+        Self::Pcf,
+        Self::NestedPcf,
+        Self::FirstVertexPcf,
+        Self::Bdpt,
+        Self::Vcm,
+    ];
 
     fn name(self) -> &'static str {
         match self {
@@ -35,6 +47,8 @@ impl Column {
             Self::Pcf => "pcf",
             Self::NestedPcf => "pcf nested",
             Self::FirstVertexPcf => "pcf k=1",
+            Self::Bdpt => "bdpt",
+            Self::Vcm => "vcm",
         }
     }
 
@@ -70,6 +84,21 @@ impl Column {
                 max_depth,
             }),
             Self::Pppm => IntegratorSettings::Pppm(PppmSettings {
+                photons,
+                samples: 4,
+                sampling: Sampling::Independent,
+                sigma1: Some(sigma),
+                max_depth,
+                ..Default::default()
+            }),
+            Self::Bdpt => IntegratorSettings::Bdpt(BdptSettings {
+                photons,
+                samples: 4,
+                sampling: Sampling::Independent,
+                max_depth,
+                ..Default::default()
+            }),
+            Self::Vcm => IntegratorSettings::Vcm(VcmSettings {
                 photons,
                 samples: 4,
                 sampling: Sampling::Independent,
@@ -168,6 +197,10 @@ fn must_be_black(column: Column, layout: &Layout) -> bool {
         Column::Path => singular && (layout.chain.shows_the_light() || layout.chain == Chain::Sds),
         Column::Pppm | Column::Pcf => singular && layout.chain.shows_the_light(),
         Column::NestedPcf | Column::FirstVertexPcf => false,
+        // Mirrors are connected with nothing, but a light path may hit a lens.
+        _ if layout.eye == Eye::ThinLens => false,
+        Column::Bdpt => singular && (layout.chain.shows_the_light() || layout.chain == Chain::Sds),
+        Column::Vcm => singular && layout.chain.shows_the_light(),
     }
 }
 

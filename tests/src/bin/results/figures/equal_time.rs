@@ -31,11 +31,15 @@ struct Outcome {
     robust_error: f64,
 }
 
-/// Two independent pictures without bias, and their average.
-struct Truth {
+/// Samples of a pixel in each iteration of the truth.
+const TRUTH_SAMPLES: u32 = 4;
+
+/// Two independent pictures, and their average.
+pub(super) struct Truth {
     halves: [Pixels; 2],
     mean: Pixels,
-    samples: u32,
+    /// Of both together.
+    iterations: u32,
 }
 
 fn methods(scene: &Scene, photons: u32) -> Vec<Method> {
@@ -76,7 +80,7 @@ pub(super) fn run(options: &Options, page: &mut Page) -> Result<()> {
     let (budget, reference_budget) = (scaled(12.0, 1.0), scaled(90.0, 6.0));
     let scene = stage::load(&options.scenes.join("pyramids"), size)?;
     let bar = progress("figures 5.8 to 5.13", 0);
-    let truth = Truth::measure(&scene, reference_budget)?;
+    let truth = Truth::of(&scene, &stage::path(&scene, TRUTH_SAMPLES), reference_budget)?;
     bar.finish_and_clear();
     let methods = methods(&scene, scaled(50_000.0, 20_000.0) as u32);
     let outcomes = methods
@@ -107,14 +111,13 @@ fn spend(scene: &Scene, settings: &IntegratorSettings, seed: u64, budget: f64) -
 }
 
 impl Truth {
-    fn measure(scene: &Scene, budget: f64) -> Result<Self> {
+    /// In `budget` seconds of processor time together.
+    pub(super) fn of(scene: &Scene, settings: &IntegratorSettings, budget: f64) -> Result<Self> {
         const SEEDS: [u64; 2] = [1_001, 1_002];
-        const SAMPLES: u32 = 4;
-        let settings = stage::path(scene, SAMPLES);
-        let (a, _) = spend(scene, &settings, SEEDS[0], 0.5 * budget)?;
+        let (a, _) = spend(scene, settings, SEEDS[0], 0.5 * budget)?;
         let mut b = Sum::new(scene);
         for i in 1..=a.iterations {
-            b.add(&render_iteration(scene, &settings, SEEDS[1], i, &Unobserved)?);
+            b.add(&render_iteration(scene, settings, SEEDS[1], i, &Unobserved)?);
         }
         let halves = [a.mean(), b.mean()];
         let values = halves[0]
@@ -130,16 +133,21 @@ impl Truth {
         Ok(Self {
             halves,
             mean,
-            samples: 2 * SAMPLES * a.iterations,
+            iterations: 2 * a.iterations,
         })
     }
 
-    /// Relative root mean square errors of a picture: of all pixels, and without the worst [`CUT`] of them.
+    /// The average.
+    pub(super) fn mean(&self) -> &Pixels {
+        &self.mean
+    }
+
+    /// Relative mean squared errors of a picture: of all pixels, and without the worst [`CUT`] of them.
     ///
     /// At each pixel `(x - a)(x - b) / (r^2 + (0.1 mean r)^2)` in luminance, where `a` and `b` are the two halves and `r` is their
-    /// average: as `a` and `b` are independent and without bias, the product's expectation is the squared error against the
+    /// average: as `a` and `b` are independent, and where they are without bias, the product's expectation is the squared error against the
     /// truth, free of their noise.
-    fn errors(&self, picture: &Pixels) -> [f64; 2] {
+    pub(super) fn squared_errors(&self, picture: &Pixels) -> [f64; 2] {
         let luminance = |p: &Pixels, i: usize| f64::from(p.values[i].luminance());
         let n = picture.values.len();
         let mean = (0..n).map(|i| luminance(&self.mean, i)).sum::<f64>() / n as f64;
@@ -151,14 +159,14 @@ impl Truth {
             .collect();
         squares.sort_unstable_by(|a, b| a.abs().total_cmp(&b.abs()));
         let kept = n - (CUT * n as f64).ceil() as usize;
-        [n, kept].map(|kept| (squares[..kept].iter().sum::<f64>() / kept as f64).max(0.0).sqrt())
+        [n, kept].map(|kept| (squares[..kept].iter().sum::<f64>() / kept as f64).max(0.0))
     }
 }
 
 impl Outcome {
     fn measure(scene: &Scene, method: &Method, budget: f64, truth: &Truth) -> Result<Self> {
         let (sum, seconds) = spend(scene, &method.settings, 1, budget)?;
-        let [error, robust_error] = truth.errors(&sum.mean());
+        let [error, robust_error] = truth.squared_errors(&sum.mean()).map(f64::sqrt);
         Ok(Self {
             sum,
             seconds,
@@ -182,9 +190,9 @@ fn report(
         "Each method has {budget} s of processor time for {width}x{height} pixels. The ground truth is `path` with {} samples a \
          pixel, in two independent halves a and b; the error of a picture x is the root of the mean over pixels of \
          (x - a)(x - b) / (r^2 + (0.1 mean r)^2) in luminance, with r the average of the halves, which is free of their noise. \
-         The robust error leaves out the worst {} % of the pixels. How many iterations fit depends on the machine. BDPT, SPPM, \
-         PSSMLT and ERPT, which the thesis compares with as well, do not exist here.",
-        truth.samples,
+         The robust error leaves out the worst {} % of the pixels. How many iterations fit depends on the machine. `bdpt`, \
+         `vcm` and `sppm` stand in [equal-time.md](equal-time.md); PSSMLT and ERPT, which the thesis compares with as well, do not exist here.",
+        TRUTH_SAMPLES * truth.iterations,
         100.0 * CUT
     ));
     let curve = ToneCurve::fit(&truth.mean.values);

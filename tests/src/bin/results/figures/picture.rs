@@ -18,6 +18,21 @@ pub(super) struct Pixels {
     pub(super) values: Vec<Spectrum>,
 }
 
+/// Pictures of one size, `columns` in a row, from left to right and top to bottom.
+pub(super) fn montage(pictures: &[&Pixels], columns: usize) -> Pixels {
+    let [width, height] = pictures[0].size.map(|side| side as usize);
+    let rows = pictures.len().div_ceil(columns);
+    let value = |index: usize| {
+        let (x, y) = (index % (columns * width), index / (columns * width));
+        let picture = pictures.get(y / height * columns + x / width);
+        picture.map_or(Spectrum::ZERO, |picture| picture.values[y % height * width + x % width])
+    };
+    Pixels {
+        size: [(columns * width) as u32, (rows * height) as u32],
+        values: (0..columns * width * rows * height).map(value).collect(),
+    }
+}
+
 /// Writes an image as PNG in sRGB through `curve`, each pixel as a square, with a frame around each block of `marks` in the
 /// plots' colours, the first in the first colour and so on.
 pub(super) fn write(path: &Path, pixels: &Pixels, curve: &ToneCurve, marks: &[Block]) -> Result<()> {

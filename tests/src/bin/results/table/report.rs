@@ -22,6 +22,9 @@ reach the camera by its chain only, and `max_depth` is the length of that chain.
 * `pcf`: cones at the first surface that is not a mirror (`lookup_vertex=auto`); before it, as `path`.
 * `pcf nested`: the same with `nested=true`: light that comes straight to a mirror is read from cones there, so no chain is left to chance.
 * `pcf k=1`: cones at the first surface, mirror or not (`lookup_vertex=1`).
+* `bdpt`: camera paths and light paths, connected with each other, with lights and with the lens. A mirror is connected with nothing, so that a
+  delta function behind mirrors on both sides of every surface stays black, but where light paths hit a thin lens by chance.
+* `vcm`: the same, and the paths merged at the surfaces that are no mirrors.
 
 True values do not come from an integrator. The mirrors are unfolded (the method of images), and what is left is a quadrature: of irradiance over the
 light, the camera's footprint and, for L D S D E, the first diffuse surface. In L S E and L S S E the camera sees the light itself, and its rays are followed by the mirrors, whose backs block some. A point or directional light is then a

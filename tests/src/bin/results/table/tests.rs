@@ -1,11 +1,11 @@
 use super::*;
 use photonfarm_tests::statistics::student_quantile;
 
-/// Probability with which each check of a mean fails by chance; there are five, of fixed seeds. With the errors that six iterations
+/// Probability with which each check of a mean fails by chance; there are seven, of fixed seeds. With the errors that six iterations
 /// reach, an error of 3 % (`path`) to 7 % (`pcf k=1`) of a column is noticed.
 const FALSE_ALARMS: f64 = 1e-3;
 
-/// Bound on the bias of the kernels; `path` has none.
+/// Bound on the bias of the kernels; `path` and `bdpt` have none.
 const BIAS: f64 = 0.02;
 
 /// Six iterations tell little about the noise of one cell, so ratios are held against 1 by column: the mean of a column's
@@ -30,7 +30,8 @@ fn cells_are_black_where_they_must_be_and_one_elsewhere() {
         }
         let (mean, error) = (sum / f64::from(cells), squared_error.sqrt() / f64::from(cells));
         // The cells' errors differ: as few degrees of freedom as four cells have.
-        let bias = if column == Column::Path { 0.0 } else { BIAS };
+        let unbiased = matches!(column, Column::Path | Column::Bdpt);
+        let bias = if unbiased { 0.0 } else { BIAS };
         let reach = bias + error * student_quantile(FALSE_ALARMS, 20);
         println!(
             "{}: mean ratio {mean:.4} +- {error:.4} over {cells} cells",
