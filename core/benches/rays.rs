@@ -13,7 +13,7 @@ use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::triangle::Triangle;
-use photonfarm_core::geometry::{Geometry, Ray, Shape, TriangleMesh};
+use photonfarm_core::geometry::{Geometry, Ray, Shape, ShapeId, TriangleMesh};
 use photonfarm_core::math::warp::{square_to_cosine_hemisphere, square_to_sphere};
 use photonfarm_core::math::{Frame, TAU, Vec3, sin_cos};
 use photonfarm_core::random::{PathRandom, Stream};
@@ -110,7 +110,7 @@ impl Setup {
             .map(|[v0, v1, v2]| Triangle { v0, v1, v2 })
             .collect();
         let peer = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
-        let geometry = Geometry::build(meshes.into_iter().map(Shape::Mesh).collect());
+        let geometry = Geometry::build(meshes.into_iter().map(|mesh| Shape::Mesh(mesh.into())).collect());
         let eye = Vec3::new(1.9, 0.3, 1.7);
         let side = (RAYS as f32).sqrt() as usize;
         let coherent = (0..side * side)
@@ -204,13 +204,23 @@ fn obvhs_cwbvh_incoherent(bencher: Bencher, size: Size) {
 #[divan::bench(sample_count = 5)]
 fn build_41k(bencher: Bencher) {
     bencher
-        .with_inputs(|| vec![Shape::Mesh(torus(143))])
+        .with_inputs(|| vec![Shape::Mesh(torus(143).into())])
         .bench_values(Geometry::build);
 }
 
 #[divan::bench(sample_count = 1)]
 fn build_1m(bencher: Bencher) {
     bencher
-        .with_inputs(|| vec![Shape::Mesh(torus(707))])
+        .with_inputs(|| vec![Shape::Mesh(torus(707).into())])
         .bench_values(Geometry::build);
+}
+
+/// Fitting the hierarchy to the mesh after it has moved, as each iteration of a scene in motion does.
+#[divan::bench(sample_count = 5)]
+fn refit_1m(bencher: Bencher) {
+    let shape = Shape::Mesh(torus(707).into());
+    let geometry = Geometry::build(vec![shape.clone()]);
+    bencher
+        .with_inputs(|| shape.clone())
+        .bench_values(|shape| geometry.moved([(ShapeId(0), shape)]));
 }

@@ -13,6 +13,7 @@ pub mod light;
 pub mod map;
 pub mod material;
 pub mod math;
+mod motion;
 mod path;
 pub mod picture;
 pub mod random;

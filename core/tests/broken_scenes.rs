@@ -192,7 +192,16 @@ fn broken_cameras_and_films_name_their_line() {
             "scaled or sheared",
             "<transform name='to_world'><scale value='2'/></transform>",
         ),
-        ("Value", "motion blur", "<float name='shutter_close' value='1'/>"),
+        (
+            "Value",
+            "1 lies before `shutter_open`, 2",
+            "<float name='shutterOpen' value='2'/><float name='shutterClose' value='1'/>",
+        ),
+        (
+            "Value",
+            "scaled or sheared",
+            "<animation name='to_world'><transform time='0'/><transform time='1'><scale value='2'/></transform></animation>",
+        ),
         (
             "Unknown",
             "unknown property `aperture_radius`",

@@ -3,6 +3,7 @@
 mod scenes;
 
 use photonfarm_core::integrator::{INTEGRATORS, Unobserved, render_iteration, render_next};
+use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PcfSettings, PppmSettings, SppmSettings};
 
 /// Pixels across and down.
@@ -18,7 +19,7 @@ fn bits(name: &str, settings: &IntegratorSettings, threads: usize) -> Vec<[u32; 
 }
 
 fn check(settings: &IntegratorSettings) {
-    for scene in ["mirror-glass", "environment"] {
+    for scene in ["mirror-glass", "environment", "motion"] {
         let one = bits(scene, settings, 1);
         assert!(
             one.iter().any(|p| p.iter().any(|c| *c != 0)),
@@ -50,12 +51,17 @@ fn an_sppm_chain_has_the_same_bits_with_any_number_of_threads_and_wherever_it_is
         photons: 10_000,
         ..Default::default()
     }));
-    let scene = scenes::named("mirror-glass", SIZE);
+    for scene in ["mirror-glass", "motion"] {
+        check_chain(&scenes::named(scene, SIZE), &settings);
+    }
+}
+
+fn check_chain(scene: &Scene, settings: &IntegratorSettings) {
     let chain = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut before = Vec::new();
         let iterations = (1..=3).map(|i| {
-            let next = || render_next(&scene, &settings, 42, i, &before, &Unobserved).unwrap();
+            let next = || render_next(scene, settings, 42, i, &before, &Unobserved).unwrap();
             let image = pool.install(next);
             before = image.statistics.clone();
             let pixels = image.pixels.iter().flat_map(|p| p.to_rgb());

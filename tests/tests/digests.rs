@@ -10,11 +10,12 @@ use photonfarm_core::settings::{
 use photonfarm_tests::scenes;
 use std::path::Path;
 
-const SCENES: [&str; 7] = [
+const SCENES: [&str; 8] = [
     "coated",
     "diffuse-box",
     "environment",
     "mirror-glass",
+    "motion",
     "orthographic",
     "spot-sun",
     "textures",

@@ -8,6 +8,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use std::ops::Range;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
@@ -67,16 +68,24 @@ pub(super) struct Node {
 }
 
 /// The hierarchy over all primitives of a scene.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Hierarchy {
-    /// Inner nodes; the root is the first. Empty if there is nothing to hit.
+    /// Inner nodes; the root is the first, and children follow their parents. Empty if there is nothing to hit.
     pub(super) nodes: Vec<Node>,
     pub(super) blocks: Vec<TriangleBlock>,
-    pub(super) curved: Vec<(u32, Curved)>,
+    pub(super) curved: Vec<CurvedLeaf>,
     /// Bounds of everything.
     pub(super) bounds: (Vec3, Vec3),
     /// The largest absolute value of a coordinate of the bounds.
     pub(super) reach: f32,
+}
+
+/// A primitive that is not a triangle.
+#[derive(Clone, Debug)]
+pub(super) struct CurvedLeaf {
+    pub(super) primitive: u32,
+    pub(super) curved: Curved,
+    bounds: (Vec3, Vec3),
 }
 
 /// A primitive that can be hit.
@@ -108,13 +117,7 @@ impl Hierarchy {
         let indices = (0..boxes.len() as u32).collect();
         let mut binary = PlocBuilder::new().build(PlocSearchDistance::Medium, &boxes, indices, SortPrecision::U64, 3);
         ReinsertionOptimizer::default().run(&mut binary, 0.1, None);
-        let bounds = union(&leaves);
-        let reach = bounds.0.abs().max(bounds.1.abs()).max_element();
-        let mut hierarchy = Self {
-            bounds,
-            reach,
-            ..Self::default()
-        };
+        let mut hierarchy = Self::default();
         Widening {
             sizes: leaf_sizes(&binary, &leaves),
             binary,
@@ -122,16 +125,69 @@ impl Hierarchy {
             hierarchy: &mut hierarchy,
         }
         .run();
+        hierarchy.fit();
         hierarchy
     }
-}
 
-fn union(leaves: &[Leaf]) -> (Vec3, Vec3) {
-    leaves
-        .iter()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, u), leaf| {
-            (l.min(leaf.bounds.0), u.max(leaf.bounds.1))
-        })
+    /// Takes up the new shapes of some ranges of primitives, in order, and fits the bounds. The structure stays.
+    pub(super) fn refit(&mut self, renewed: &[(Range<u32>, &Shape)]) {
+        let find = |primitive: u32| {
+            let (range, shape) = renewed.get(renewed.partition_point(|(range, _)| range.end <= primitive))?;
+            range.contains(&primitive).then(|| (primitive - range.start, *shape))
+        };
+        for block in &mut self.blocks {
+            for lane in 0..LANES {
+                if let Some((triangle, Shape::Mesh(mesh))) = find(block.primitive(lane)) {
+                    let corners = mesh.triangles[triangle as usize].map(|i| mesh.positions[i as usize]);
+                    block.set(lane, Some(corners).filter(|corners| has_area(*corners)));
+                }
+            }
+        }
+        for leaf in &mut self.curved {
+            if let Some((_, shape)) = find(leaf.primitive)
+                && let (Some(curved), Some(bounds)) = (Curved::new(shape), curved::bounds(shape))
+            {
+                (leaf.curved, leaf.bounds) = (curved, bounds);
+            }
+        }
+        self.fit();
+    }
+
+    /// Computes all bounds from the primitives up.
+    fn fit(&mut self) {
+        const INSIDE_OUT: (Vec3, Vec3) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let mut of_nodes = vec![INSIDE_OUT; self.nodes.len()];
+        for index in (0..self.nodes.len()).rev() {
+            let node = &mut self.nodes[index];
+            for slot in 0..WIDTH {
+                if node.children[slot] == Child::EMPTY {
+                    continue;
+                }
+                let (lower, upper) = match node.children[slot].target() {
+                    Target::Node(child) => of_nodes[child],
+                    Target::Triangles(block) => self.blocks[block].bounds(),
+                    Target::Curved(leaf) => self.curved[leaf].bounds,
+                };
+                for axis in 0..3 {
+                    node.bounds[axis][0].as_mut_array()[slot] = lower[axis];
+                    node.bounds[axis][1].as_mut_array()[slot] = upper[axis];
+                }
+                let whole = &mut of_nodes[index];
+                *whole = (whole.0.min(lower), whole.1.max(upper));
+            }
+        }
+        self.bounds = match of_nodes.first() {
+            Some(bounds) if *bounds != INSIDE_OUT => *bounds,
+            _ => (Vec3::ZERO, Vec3::ZERO),
+        };
+        self.reach = self.bounds.0.abs().max(self.bounds.1.abs()).max_element();
+        // A ray within the plane of a box's side must not miss the box.
+        let margin = Lanes::splat(self.reach * f32::EPSILON);
+        for [lower, upper] in self.nodes.iter_mut().flat_map(|node| &mut node.bounds) {
+            *lower -= margin;
+            *upper += margin;
+        }
+    }
 }
 
 fn collect_leaves(shapes: &[Shape]) -> Vec<Leaf> {
@@ -217,7 +273,7 @@ impl Widening<'_> {
                         child
                     }
                 };
-                self.set(index, slot, member, child);
+                self.hierarchy.nodes[index].children[slot] = child;
             }
         }
     }
@@ -265,24 +321,16 @@ impl Widening<'_> {
             match &leaf.kind {
                 LeafKind::Triangle(corners) => triangles.push((leaf.primitive, *corners)),
                 LeafKind::Curved(curved) => {
-                    self.hierarchy.curved.push((leaf.primitive, curved.clone()));
+                    self.hierarchy.curved.push(CurvedLeaf {
+                        primitive: leaf.primitive,
+                        curved: curved.clone(),
+                        bounds: leaf.bounds,
+                    });
                     return Some(Child::curved(self.hierarchy.curved.len() - 1));
                 }
             }
         }
         self.hierarchy.blocks.push(TriangleBlock::new(&triangles));
         Some(Child::triangles(self.hierarchy.blocks.len() - 1))
-    }
-
-    fn set(&mut self, index: usize, slot: usize, member: usize, child: Child) {
-        let aabb = self.binary.nodes[member].aabb();
-        // A ray within the plane of a box's side must not miss the box.
-        let margin = self.hierarchy.reach * f32::EPSILON;
-        let node = &mut self.hierarchy.nodes[index];
-        node.children[slot] = child;
-        for axis in 0..3 {
-            node.bounds[axis][0].as_mut_array()[slot] = aabb.min[axis] - margin;
-            node.bounds[axis][1].as_mut_array()[slot] = aabb.max[axis] + margin;
-        }
     }
 }

@@ -17,6 +17,7 @@ mod triangle;
 use crate::math::{Frame, Transform, Vec2, Vec3};
 use hierarchy::Hierarchy;
 pub use sampling::{ShapeSampler, TowardsSample};
+use std::sync::Arc;
 
 /// A ray; `direction` is unit length. Hits with distance in `(0, max_distance)` count: the origin has already been
 /// moved off its surface (see [`SurfacePoint::ray_towards`]).
@@ -62,7 +63,7 @@ pub struct SurfacePoint {
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// Triangles.
-    Mesh(TriangleMesh),
+    Mesh(Arc<TriangleMesh>),
     /// A sphere; the outer side is outside unless `flip_normals`.
     Sphere {
         /// Centre [scene units].
@@ -98,7 +99,7 @@ pub struct TriangleMesh {
 }
 
 /// All shapes with their hierarchy.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Geometry {
     shapes: Vec<Shape>,
     /// Index of each shape's first primitive.
@@ -112,6 +113,34 @@ impl Shape {
         match self {
             Self::Mesh(mesh) => mesh.triangles.len(),
             Self::Sphere { .. } | Self::Disk { .. } => 1,
+        }
+    }
+
+    /// The shape carried along by the map `by`, which does not mirror, and scales spheres evenly. Its primitives keep their numbers.
+    #[must_use]
+    pub fn moved(&self, by: &Transform) -> Self {
+        match self {
+            Self::Mesh(mesh) => Self::Mesh(Arc::new(TriangleMesh {
+                positions: mesh.positions.iter().map(|p| by.point(*p)).collect(),
+                normals: mesh.normals.iter().map(|n| by.normal(*n)).collect(),
+                uvs: mesh.uvs.clone(),
+                triangles: mesh.triangles.clone(),
+            })),
+            Self::Sphere {
+                center,
+                radius,
+                to_local,
+                flip_normals,
+            } => Self::Sphere {
+                center: by.point(*center),
+                radius: (f64::from(*radius) * libm::cbrt(by.matrix().determinant())) as f32,
+                to_local: to_local.after(&by.inverted()),
+                flip_normals: *flip_normals,
+            },
+            Self::Disk { to_world, flip_normals } => Self::Disk {
+                to_world: by.after(to_world),
+                flip_normals: *flip_normals,
+            },
         }
     }
 }
@@ -142,6 +171,30 @@ impl Geometry {
             first_primitive,
             hierarchy,
         }
+    }
+
+    /// The geometry with new shapes in place of some of its own, each with as many primitives as the one before.
+    ///
+    /// The hierarchy keeps its structure and is fitted to the new shapes. A ray hits the same as if it were built for them, to the
+    /// last bit, but for triangles that had no area when it was built: these are not hit even where they have one now.
+    #[must_use]
+    pub fn moved(&self, shapes: impl IntoIterator<Item = (ShapeId, Shape)>) -> Self {
+        let mut moved = self.clone();
+        let mut ids = Vec::new();
+        for (id, shape) in shapes {
+            moved.shapes[id.0 as usize] = shape;
+            ids.push(id.0 as usize);
+        }
+        ids.sort_unstable();
+        let renewed: Vec<_> = ids
+            .into_iter()
+            .map(|id| {
+                let (first, shape) = (self.first_primitive[id], &moved.shapes[id]);
+                (first..first + shape.primitives() as u32, shape)
+            })
+            .collect();
+        moved.hierarchy.refit(&renewed);
+        moved
     }
 
     /// The nearest hit. Of hits at equal distance the one with the lowest primitive index wins.

@@ -5,14 +5,14 @@ use crate::math::warp::{self, square_to_disk, square_to_sphere, square_to_triang
 use crate::math::{DVec2, Discrete, Frame, PI, Vec2, Vec3, safe_sqrt, sqr, to_unit_f32, to_unit_vec2};
 
 /// Samples the points of one shape.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ShapeSampler {
     shape: ShapeId,
     area: f32,
     kind: Kind,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Kind {
     /// Triangles in proportion to their area.
     Mesh(Discrete),
@@ -40,7 +40,12 @@ impl ShapeSampler {
     /// The sampler of shape `id`.
     #[must_use]
     pub fn new(geometry: &Geometry, id: ShapeId) -> Self {
-        let (area, kind) = match geometry.shape(id) {
+        Self::of(geometry.shape(id), id)
+    }
+
+    /// The sampler of `shape`, which has the index `id`.
+    pub(crate) fn of(shape: &Shape, id: ShapeId) -> Self {
+        let (area, kind) = match shape {
             Shape::Mesh(mesh) => {
                 let triangles = Discrete::new(mesh.triangles.iter().map(|triangle| {
                     let [a, b, c] = triangle.map(|i| mesh.positions[i as usize].as_dvec3());
@@ -68,6 +73,11 @@ impl ShapeSampler {
             area: area as f32,
             kind,
         }
+    }
+
+    /// The shape.
+    pub(crate) fn shape(&self) -> ShapeId {
+        self.shape
     }
 
     /// Area [scene units squared].

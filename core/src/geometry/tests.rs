@@ -87,7 +87,7 @@ fn brute_force(mesh: &TriangleMesh, ray: &Ray) -> Option<(f64, usize)> {
 #[test]
 fn the_nearest_hit_is_that_of_an_exhaustive_search() {
     let mesh = torus(24);
-    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone())]);
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone().into())]);
     let mut hits = 0;
     for path in 0..20_000 {
         let mut random = random(path);
@@ -114,7 +114,7 @@ fn the_nearest_hit_is_that_of_an_exhaustive_search() {
 #[test]
 fn no_ray_leaks_out_of_a_closed_mesh() {
     let mesh = torus(40);
-    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone())]);
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone().into())]);
     for path in 0..1_000_000 {
         let mut random = random(path);
         let (sin_u, cos_u) = sin_cos(std::f32::consts::TAU * random.next_1d());
@@ -140,7 +140,7 @@ fn no_ray_leaks_out_of_a_closed_mesh() {
 /// Rays exactly through the diagonals and corners of a box, where an edge function is zero.
 #[test]
 fn edges_and_vertices_belong_to_a_triangle() {
-    let geometry = Geometry::build(vec![Shape::Mesh(cube(|p| p))]);
+    let geometry = Geometry::build(vec![Shape::Mesh(cube(|p| p).into())]);
     for step in -8..=8 {
         let at = step as f32 / 8.0;
         for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
@@ -178,7 +178,7 @@ fn rays_leave_surfaces_at_every_scale_and_far_from_the_origin() {
                 .inverted(),
                 flip_normals: false,
             };
-            let cube = Shape::Mesh(cube(|p| turn * p * scale + center));
+            let cube = Shape::Mesh(cube(|p| turn * p * scale + center).into());
             for shape in [cube, sphere] {
                 leave_convex_body(&Geometry::build(vec![shape]), center.as_vec3(), &mut random);
             }
@@ -224,7 +224,7 @@ fn rays_leave_a_plane_that_is_all_but_aligned_with_the_axes() {
         triangles: vec![[0, 1, 2], [0, 2, 3]],
         ..Default::default()
     };
-    let geometry = Geometry::build(vec![Shape::Mesh(mesh)]);
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh.into())]);
     for i in 0..20_000 {
         let mut random = random(i);
         let target = Vec3::new(3.0 * random.next_1d() - 1.5, 0.0, 3.0 * random.next_1d() - 1.5);
@@ -246,9 +246,8 @@ fn paths_never_leave_a_closed_room_through_its_edges_or_corners() {
     for path in 0..200 {
         let mut random = random(path);
         let turn = rotation(&mut random);
-        let geometry = Geometry::build(vec![Shape::Mesh(cube(|p| {
-            turn * p * 3.0 + DVec3::new(0.7, -0.3, 20.0)
-        }))]);
+        let room = cube(|p| turn * p * 3.0 + DVec3::new(0.7, -0.3, 20.0));
+        let geometry = Geometry::build(vec![Shape::Mesh(room.into())]);
         let mut next = ray(Vec3::new(0.7, -0.3, 20.0), warp::square_to_sphere(random.next_2d()));
         for _ in 0..1_000 {
             let point = geometry.intersect(&next).expect("the room is closed");
@@ -271,7 +270,7 @@ fn shadow_rays_end_before_the_light_and_see_what_is_between() {
             let map = |p: DVec3| turn * (DVec3::new(p.x * size, p.y * size, z) * f64::from(scale));
             let mut mesh = cube(map);
             mesh.triangles.truncate(2);
-            Shape::Mesh(mesh)
+            Shape::Mesh(mesh.into())
         };
         let open = Geometry::build(vec![quad(0.0, 5.0), quad(2.0, 1.0)]);
         let blocked = Geometry::build(vec![quad(0.0, 5.0), quad(2.0, 1.0), quad(1.99, 1.1)]);
@@ -295,7 +294,7 @@ fn the_lowest_primitive_wins_a_tie() {
     let quad = cube(|p| p);
     let mut reversed = quad.clone();
     reversed.triangles.reverse();
-    let copies = (0..18).map(|i| Shape::Mesh(if i % 2 == 0 { quad.clone() } else { reversed.clone() }));
+    let copies = (0..18).map(|i| Shape::Mesh(if i % 2 == 0 { quad.clone() } else { reversed.clone() }.into()));
     let geometry = Geometry::build(copies.collect());
     for path in 0..1_000 {
         let mut random = random(path);
@@ -356,7 +355,7 @@ fn vertex_normals_decide_the_outer_side_and_the_frame() {
         uvs: vec![Vec2::ZERO, Vec2::Y, Vec2::X],
         triangles: vec![[0, 1, 2]],
     };
-    let geometry = Geometry::build(vec![Shape::Mesh(mesh)]);
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh.into())]);
     let point = geometry.intersect(&ray(Vec3::new(0.25, 0.5, 2.0), -Vec3::Z)).unwrap();
     assert_eq!(point.geometric_normal, -Vec3::Z);
     assert!((point.frame.n - slanted).length() < 1e-6);
@@ -371,7 +370,7 @@ fn nothing_and_degenerate_triangles_are_never_hit() {
         triangles: vec![[0, 1, 2], [0, 0, 1], [0, 1, 3]],
         ..TriangleMesh::default()
     };
-    let geometry = Geometry::build(vec![Shape::Mesh(line)]);
+    let geometry = Geometry::build(vec![Shape::Mesh(line.into())]);
     let point = geometry.intersect(&ray(Vec3::new(0.25, 0.25, 1.0), -Vec3::Z)).unwrap();
     assert_eq!(point.primitive, 2);
     assert!(!geometry.occluded(&ray(Vec3::new(1.5, 0.0, 1.0), -Vec3::Z)));
@@ -386,7 +385,7 @@ fn coordinates_of_any_size_neither_stop_nor_break_the_build() {
         let mut mesh = torus(12);
         mesh.positions.iter_mut().for_each(|p| *p *= 0.5 * scale);
         mesh.positions[7] = Vec3::splat(scale);
-        let geometry = Geometry::build(vec![Shape::Mesh(mesh)]);
+        let geometry = Geometry::build(vec![Shape::Mesh(mesh.into())]);
         for path in 0..100 {
             let mut random = random(path);
             let ray = ray(Vec3::ZERO, warp::square_to_sphere(random.next_2d()));
@@ -405,7 +404,7 @@ fn overlapping_triangles_are_searched_exhaustively() {
             .extend((0..3).map(|_| warp::square_to_sphere(random.next_2d())));
         mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
     }
-    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone())]);
+    let geometry = Geometry::build(vec![Shape::Mesh(mesh.clone().into())]);
     for path in 0..200 {
         let mut random = random(path + 100_000);
         let origin = warp::square_to_sphere(random.next_2d()) * 1.5;
@@ -413,4 +412,73 @@ fn overlapping_triangles_are_searched_exhaustively() {
         let found = geometry.intersect(&ray).map(|point| point.primitive as usize);
         assert_eq!(found, brute_force(&mesh, &ray).map(|hit| hit.1));
     }
+}
+
+/// A turn, an even scale and a translation.
+fn placement(random: &mut PathRandom) -> Transform {
+    let scale = 0.3 + f64::from(random.next_1d());
+    let center = warp::square_to_sphere(random.next_2d()) * 5.0 * random.next_1d();
+    let turned = DMat4::from_mat3(rotation(random) * scale);
+    Transform::from_matrix(DMat4::from_translation(center.as_dvec3()) * turned).unwrap()
+}
+
+/// Twelve of 24 shapes move about, two of them together, so that all hits on the second tie with those on the first. The hierarchy that
+/// was fitted to all earlier times answers every ray as one that is built for the shapes as they stand, to the last bit.
+#[test]
+fn hits_do_not_depend_on_the_times_that_a_hierarchy_was_fitted_to() {
+    let own: Vec<Shape> = (0..24)
+        .map(|index| match index % 4 {
+            0 => Shape::Disk {
+                to_world: Transform::default(),
+                flip_normals: false,
+            },
+            1 => Shape::Sphere {
+                center: Vec3::X,
+                radius: 0.8,
+                to_local: Transform::default(),
+                flip_normals: false,
+            },
+            _ => Shape::Mesh(torus(8).into()),
+        })
+        .collect();
+    let (first, second) = (18, 22);
+    let mut numbers = random(1);
+    let mut shapes: Vec<Shape> = own.iter().map(|shape| shape.moved(&placement(&mut numbers))).collect();
+    let mut geometry = Geometry::build(shapes.clone());
+    let (mut hits, mut ties) = (0, 0);
+    for time in 0..4 {
+        for index in (0..own.len()).step_by(2) {
+            shapes[index] = own[index].moved(&placement(&mut numbers));
+        }
+        shapes[second] = shapes[first].clone();
+        let moved = (0..own.len())
+            .step_by(2)
+            .map(|index| (ShapeId(index as u32), shapes[index].clone()));
+        geometry = geometry.moved(moved);
+        let built = Geometry::build(shapes.clone());
+        assert_eq!(geometry.bounds(), built.bounds());
+        for path in 0..20_000 {
+            let mut random = random(time << 32 | path);
+            let origin = warp::square_to_sphere(random.next_2d()) * 8.0 * random.next_1d();
+            let Shape::Mesh(mesh) = &shapes[2 + 4 * (path % 6) as usize] else {
+                unreachable!("every fourth shape from the third on is a torus")
+            };
+            let triangle = mesh.triangles[(random.next_1d() * mesh.triangles.len() as f32) as usize];
+            let [a, b] = [triangle[0], triangle[1]].map(|vertex| mesh.positions[vertex as usize]);
+            let direction = match path % 3 {
+                0 => warp::square_to_sphere(random.next_2d()),
+                1 => (a - origin).normalize(),
+                _ => (a.lerp(b, random.next_1d()) - origin).normalize(),
+            };
+            let ray = ray(origin, direction);
+            let (found, expected) = (geometry.intersect(&ray), built.intersect(&ray));
+            // The text of a number tells all its bits.
+            assert_eq!(format!("{found:?}"), format!("{expected:?}"), "{ray:?}");
+            assert_eq!(geometry.occluded(&ray), expected.is_some());
+            hits += usize::from(expected.is_some());
+            ties += usize::from(expected.is_some_and(|hit| hit.shape == ShapeId(first as u32)));
+            assert!(expected.is_none_or(|hit| hit.shape != ShapeId(second as u32)));
+        }
+    }
+    assert!(hits > 20_000 && ties > 500, "{hits} hits, {ties} ties");
 }

@@ -5,7 +5,7 @@
 //! does not depend on the shape of the hierarchy.
 
 use super::Ray;
-use super::hierarchy::{Child, Hierarchy, Lanes, Node, Target, WIDTH};
+use super::hierarchy::{Child, CurvedLeaf, Hierarchy, Lanes, Node, Target, WIDTH};
 use super::triangle::{LANES, ShearedRay, TriangleHit};
 use crate::math::Vec3;
 
@@ -248,7 +248,7 @@ impl Hierarchy {
                     }
                 }
                 Target::Curved(index) => {
-                    let (primitive, curved) = &self.curved[index];
+                    let CurvedLeaf { primitive, curved, .. } = &self.curved[index];
                     if let Some(t) = curved.intersect(ray) {
                         match visit(Hit {
                             t,

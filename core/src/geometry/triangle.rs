@@ -74,25 +74,40 @@ impl ShearedRay {
 impl TriangleBlock {
     /// A block of the given triangles, at most [`LANES`], each with its primitive index.
     pub(super) fn new(triangles: &[(u32, [Vec3; 3])]) -> Self {
-        let mut vertices = [[[f32::NAN; LANES]; 3]; 3];
-        let mut primitives = [u32::MAX; LANES];
+        let mut block = Self {
+            vertices: [[f32x4::splat(f32::NAN); 3]; 3],
+            primitives: [u32::MAX; LANES],
+        };
         for (lane, (primitive, corners)) in triangles.iter().enumerate() {
-            primitives[lane] = *primitive;
-            for (vertex, corner) in corners.iter().enumerate() {
-                for axis in 0..3 {
-                    vertices[vertex][axis][lane] = corner[axis];
-                }
-            }
+            block.primitives[lane] = *primitive;
+            block.set(lane, Some(*corners));
         }
-        Self {
-            vertices: vertices.map(|vertex| vertex.map(f32x4::from)),
-            primitives,
+        block
+    }
+
+    /// Sets the vertices in `lane`; without any the lane is never hit.
+    pub(super) fn set(&mut self, lane: usize, corners: Option<[Vec3; 3]>) {
+        for (vertex, corner) in corners.unwrap_or([Vec3::NAN; 3]).into_iter().enumerate() {
+            for axis in 0..3 {
+                self.vertices[vertex][axis].as_mut_array()[lane] = corner[axis];
+            }
         }
     }
 
-    /// Index of the primitive in `lane`.
+    /// Index of the primitive in `lane`; `u32::MAX` in an unused one.
     pub(super) fn primitive(&self, lane: usize) -> u32 {
         self.primitives[lane]
+    }
+
+    /// Bounds of the triangles; inside out where there are none.
+    pub(super) fn bounds(&self) -> (Vec3, Vec3) {
+        let mut bounds = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for corner in (0..LANES).flat_map(|lane| self.corners(lane)) {
+            if !corner.is_nan() {
+                bounds = (bounds.0.min(corner), bounds.1.max(corner));
+            }
+        }
+        bounds
     }
 
     /// Vertices of the triangle in `lane`.

@@ -193,7 +193,10 @@ pub enum RenderError {
 
 /// One iteration to be rendered.
 struct Job<'a> {
+    /// The scene at the iteration's time.
     scene: &'a Scene,
+    /// The scene at rest, which gives all iterations of a job the same first kernel width.
+    at_rest: &'a Scene,
     seed: u64,
     iteration: u32,
     sampling: Sampling,
@@ -282,8 +285,10 @@ pub fn render_next(
         };
         return Err(RenderError::Statistics { iteration, reason });
     }
+    let frame = scene.frame(seed, iteration);
     let job = Job {
-        scene,
+        scene: frame.as_ref().unwrap_or(scene),
+        at_rest: scene,
         seed,
         iteration,
         sampling: settings.sampling(),

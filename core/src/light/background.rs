@@ -4,7 +4,7 @@ use crate::math::{DVec2, FRAC_1_PI, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
 
 /// A light at infinity that fills directions. Directions are unit vectors towards it.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum Background {
     /// The same radiance from everywhere.
     Constant(Spectrum),

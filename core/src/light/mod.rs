@@ -150,11 +150,13 @@ pub struct Lights {
     choice: Discrete,
     /// Probability of each source.
     probabilities: Vec<f32>,
+    /// Those of the sources that rays which hit nothing meet: the lights that fill directions at infinity.
+    backgrounds: Vec<u32>,
     world: World,
 }
 
 /// A light with what sampling it takes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Source {
     Area { sampler: ShapeSampler, radiance: Texture },
     Point { position: Vec3, intensity: Spectrum },
@@ -219,6 +221,29 @@ impl Source {
         }
     }
 
+    /// The light where `to_world` puts it; that of a shape where the shape is in `geometry`.
+    fn moved(&self, to_world: &Transform, geometry: &Geometry) -> Self {
+        match self {
+            Self::Area { sampler, radiance } => Self::Area {
+                sampler: ShapeSampler::new(geometry, sampler.shape()),
+                radiance: radiance.clone(),
+            },
+            Self::Point { intensity, .. } => Self::Point {
+                position: to_world.point(Vec3::ZERO),
+                intensity: *intensity,
+            },
+            Self::Spot(spot) => Self::Spot(spot.moved(to_world)),
+            Self::Directional { irradiance, .. } => Self::Directional {
+                direction: to_world.matrix().z_axis.truncate().normalize().as_vec3(),
+                irradiance: *irradiance,
+            },
+            Self::Background(Background::Environment(environment)) => {
+                Self::Background(Background::Environment(Box::new(environment.turned(to_world))))
+            }
+            Self::Background(Background::Constant(radiance)) => Self::Background(Background::Constant(*radiance)),
+        }
+    }
+
     /// Luminous part of the power that enters the scene.
     fn power(&self, world: &World) -> f32 {
         match self {
@@ -235,8 +260,24 @@ impl Lights {
     /// Builds the distributions. `geometry` gives area lights their shapes and distant lights the scene's bounds.
     #[must_use]
     pub fn build(lights: Vec<Light>, geometry: &Geometry) -> Self {
+        let sources = lights.into_iter().map(|light| Source::new(light, geometry)).collect();
+        Self::of_sources(sources, geometry)
+    }
+
+    /// The lights after a motion that has made `geometry` of the geometry before; each light of `moved` is where its transform puts
+    /// it, or its shape is now.
+    #[must_use]
+    pub fn moved(&self, geometry: &Geometry, moved: impl IntoIterator<Item = (LightId, Transform)>) -> Self {
+        let mut sources = self.sources.clone();
+        for (LightId(id), to_world) in moved {
+            let source = &mut sources[id as usize];
+            *source = source.moved(&to_world, geometry);
+        }
+        Self::of_sources(sources, geometry)
+    }
+
+    fn of_sources(sources: Vec<Source>, geometry: &Geometry) -> Self {
         let world = World::new(geometry);
-        let sources: Vec<Source> = lights.into_iter().map(|light| Source::new(light, geometry)).collect();
         let powers: Vec<f64> = sources
             .iter()
             .map(|source| f64::from(source.power(&world).max(0.0)))
@@ -245,6 +286,11 @@ impl Lights {
         Self {
             probabilities: (0..sources.len())
                 .map(|index| choice.probability(index) as f32)
+                .collect(),
+            backgrounds: (0..)
+                .zip(&sources)
+                .filter(|(_, source)| matches!(source, Source::Background(_)))
+                .map(|(index, _)| index)
                 .collect(),
             sources,
             choice,
@@ -461,11 +507,10 @@ impl Lights {
 
     /// The lights that fill directions at infinity, each with its probability.
     fn backgrounds(&self) -> impl Iterator<Item = (f32, &Background)> {
-        self.sources
+        self.backgrounds
             .iter()
-            .zip(&self.probabilities)
-            .filter_map(|(source, probability)| match source {
-                Source::Background(background) => Some((*probability, background)),
+            .filter_map(|index| match &self.sources[*index as usize] {
+                Source::Background(background) => Some((self.probabilities[*index as usize], background)),
                 _ => None,
             })
     }

@@ -4,7 +4,7 @@ use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2};
 use crate::spectrum::Spectrum;
 
 /// A point light that shines into a cone.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Spot {
     position: Vec3,
     /// About the axis of the cone.
@@ -25,6 +25,11 @@ impl Spot {
             beam_width,
             cone: Cone::of_angle(cutoff_angle),
         }
+    }
+
+    /// The light where `to_world` puts it.
+    pub(super) fn moved(&self, to_world: &Transform) -> Self {
+        Self::new(to_world, self.intensity, self.cutoff_angle, self.beam_width)
     }
 
     /// Solid-angle density of the directions of light paths [1/sr].

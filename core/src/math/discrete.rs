@@ -1,4 +1,5 @@
-use super::to_unit_f32;
+use super::{DVec2, to_unit_f32};
+use std::sync::Arc;
 
 /// A choice among finitely many, with given probabilities.
 ///
@@ -7,7 +8,7 @@ use super::to_unit_f32;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Discrete {
     /// For each entry the probability of it or an earlier one; exactly 1 from the last entry of positive weight.
-    cumulative: Vec<f64>,
+    cumulative: Arc<[f64]>,
     /// Sum of the weights.
     total: f64,
 }
@@ -15,18 +16,12 @@ pub(crate) struct Discrete {
 impl Discrete {
     /// Probabilities in proportion to `weights`, finite and not negative.
     pub(crate) fn new(weights: impl Iterator<Item = f64>) -> Self {
-        let mut total = 0.0;
-        let sums: Vec<f64> = weights
-            .map(|weight| {
-                total += weight;
-                total
-            })
-            .collect();
-        let cumulative = sums
-            .iter()
-            .map(|sum| if *sum < total { sum / total } else { 1.0 })
-            .collect();
-        Self { cumulative, total }
+        let mut cumulative = Vec::new();
+        let total = push_cumulative(&mut cumulative, weights);
+        Self {
+            cumulative: cumulative.into(),
+            total,
+        }
     }
 
     /// Sum of the weights.
@@ -39,7 +34,7 @@ impl Discrete {
         if self.total <= 0.0 {
             return 0.0;
         }
-        self.cumulative[index] - self.below(index)
+        self.cumulative[index] - below(&self.cumulative, index)
     }
 
     /// The entry for the uniform number `u`, and a new uniform number made of what `u` has left. `None` if every
@@ -48,18 +43,74 @@ impl Discrete {
         if self.total <= 0.0 {
             return None;
         }
-        let index = self
-            .cumulative
-            .partition_point(|c| *c <= u)
-            .min(self.cumulative.len() - 1);
-        let rest = (u - self.below(index)) / self.probability(index);
-        Some((index, to_unit_f32(rest)))
+        Some(sample_cumulative(&self.cumulative, u))
+    }
+}
+
+/// A choice of a row among finitely many, then of an entry in it. The entries of all rows lie in one table.
+#[derive(Clone, Debug)]
+pub(crate) struct DiscreteRows {
+    rows: Discrete,
+    /// Row by row as in [`Discrete`].
+    cumulative: Arc<[f64]>,
+    /// Entries of a row.
+    columns: usize,
+}
+
+impl DiscreteRows {
+    /// Probabilities in proportion to the weights in each of `rows`, finite and not negative; each row has `columns` of them.
+    pub(crate) fn new(columns: usize, rows: impl Iterator<Item = impl Iterator<Item = f64>>) -> Self {
+        let mut cumulative = Vec::new();
+        let rows = Discrete::new(rows.map(|weights| push_cumulative(&mut cumulative, weights)));
+        Self {
+            rows,
+            cumulative: cumulative.into(),
+            columns,
+        }
     }
 
-    /// The probability of the entries before `index`.
-    fn below(&self, index: usize) -> f64 {
-        index.checked_sub(1).map_or(0.0, |before| self.cumulative[before])
+    /// Sum of the weights.
+    pub(crate) fn total(&self) -> f64 {
+        self.rows.total()
     }
+
+    /// Number of rows.
+    pub(crate) fn rows(&self) -> usize {
+        self.rows.cumulative.len()
+    }
+
+    /// Column and row for the uniform numbers `u`, each with a new uniform number, as [`Discrete::sample`].
+    pub(crate) fn sample(&self, u: DVec2) -> Option<[(usize, f32); 2]> {
+        let (row, rest) = self.rows.sample(u.y)?;
+        let entries = &self.cumulative[row * self.columns..(row + 1) * self.columns];
+        Some([sample_cumulative(entries, u.x), (row, rest)])
+    }
+}
+
+/// Appends the probabilities of each of the `weights` or an earlier one, and returns the sum of the weights.
+fn push_cumulative(cumulative: &mut Vec<f64>, weights: impl Iterator<Item = f64>) -> f64 {
+    let (first, mut total) = (cumulative.len(), 0.0);
+    cumulative.extend(weights.map(|weight| {
+        total += weight;
+        total
+    }));
+    for sum in &mut cumulative[first..] {
+        *sum = if *sum < total { *sum / total } else { 1.0 };
+    }
+    total
+}
+
+/// The entry for the uniform number `u` by bisection, and a new uniform number; some entry has a weight.
+fn sample_cumulative(cumulative: &[f64], u: f64) -> (usize, f32) {
+    let index = cumulative.partition_point(|c| *c <= u).min(cumulative.len() - 1);
+    let below = below(cumulative, index);
+    let rest = (u - below) / (cumulative[index] - below);
+    (index, to_unit_f32(rest))
+}
+
+/// The probability of the entries before `index`.
+fn below(cumulative: &[f64], index: usize) -> f64 {
+    index.checked_sub(1).map_or(0.0, |before| cumulative[before])
 }
 
 #[cfg(test)]

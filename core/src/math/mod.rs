@@ -4,12 +4,14 @@
 //! functions of this module only. They come from the `libm` crate, which is the same code everywhere; `sqrt` is
 //! correctly rounded by IEEE 754 and may come from the hardware.
 
+mod animated;
 mod discrete;
 mod frame;
 mod transform;
 pub mod warp;
 
-pub(crate) use discrete::Discrete;
+pub use animated::AnimatedTransform;
+pub(crate) use discrete::{Discrete, DiscreteRows};
 pub use frame::Frame;
 pub use glam::{DVec2, DVec3, Vec2, Vec3};
 pub use std::f32::consts::{FRAC_1_PI, PI, TAU};

@@ -27,6 +27,19 @@ impl Transform {
             .then_some(Self { matrix, inverse })
     }
 
+    /// The linear map `linear`, which has an inverse, followed by a translation.
+    pub(super) fn from_parts(linear: DMat3, translation: DVec3) -> Self {
+        let affine = |linear: DMat3, translation: DVec3| {
+            let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| axis.extend(0.0));
+            DMat4::from_cols(x, y, z, translation.extend(1.0))
+        };
+        let inverse = linear.inverse();
+        Self {
+            matrix: affine(linear, translation),
+            inverse: affine(inverse, -(inverse * translation)),
+        }
+    }
+
     /// The map that applies `first`, then `self`.
     #[must_use]
     pub fn after(&self, first: &Self) -> Self {

@@ -29,6 +29,8 @@ pub enum Stream {
     Disc = 5,
     /// Points of the lens, and pixels, that light paths are connected with.
     Lens = 6,
+    /// Times within the shutter interval.
+    Time = 7,
 }
 
 /// How the random numbers of paths relate to each other.

@@ -2,7 +2,7 @@
 
 use super::error::{Place, SceneError};
 use super::faults::Faults;
-use crate::math::Transform;
+use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -123,6 +123,7 @@ pub(crate) enum Value {
     Rgb([f64; 3]),
     Spectrum(SpectrumValue),
     Transform(Box<Transform>),
+    Animation(AnimatedTransform),
 }
 
 impl Value {
@@ -136,6 +137,7 @@ impl Value {
             Self::Rgb(_) => "rgb",
             Self::Spectrum(_) => "spectrum",
             Self::Transform(_) => "transform",
+            Self::Animation(_) => "animation",
         }
     }
 }

@@ -34,20 +34,25 @@ use crate::film::FilmSettings;
 use crate::geometry::{Geometry, ShapeId, SurfacePoint};
 use crate::light::{LightId, Lights};
 use crate::material::Material;
+use crate::motion::Motion;
 use crate::sensor::Sensor;
 use crate::settings::IntegratorSettings;
 use std::collections::BTreeMap;
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// A renderable scene: validated and built. Nothing in it can make rendering fail.
+///
+/// What moves stands here as it does in the middle of the shutter interval: the scene at rest. [`Scene::frame`] makes the scene that an
+/// iteration renders.
 #[derive(Debug)]
 pub struct Scene {
     /// Shapes and their hierarchy.
     pub geometry: Geometry,
     /// What each shape is made of, by [`ShapeId`].
-    pub bindings: Vec<ShapeBinding>,
+    pub bindings: Arc<[ShapeBinding]>,
     /// Materials, by [`ShapeBinding::material`].
-    pub materials: Vec<Material>,
+    pub materials: Arc<[Material]>,
     /// Lights and the distribution they are chosen by.
     pub lights: Lights,
     /// The camera.
@@ -58,8 +63,10 @@ pub struct Scene {
     pub wishes: Wishes,
     /// What is probably not meant, in the order in which it was found.
     pub warnings: Vec<SceneWarning>,
+    /// What moves while the shutter is open; `None` where nothing does.
+    pub(crate) motion: Option<Motion>,
     /// The place of the first light that a random direction hardly ever finds.
-    small_lamp: Option<Place>,
+    pub(crate) small_lamp: Option<Place>,
 }
 
 /// What a shape is made of.

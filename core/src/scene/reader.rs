@@ -2,7 +2,7 @@
 
 use super::description::{Child, Description, Kind, Object, ObjectId, Property, SpectrumValue, Value};
 use super::error::{Place, SceneError, nearest, shortened};
-use crate::math::Transform;
+use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -218,6 +218,17 @@ impl<'d> Reader<'d> {
                 ..
             }) => Ok(Some(**value)),
             Some(property) => self.left_out(self.mismatch(name, property, "transform")),
+        }
+    }
+
+    /// A transform that may be animated.
+    pub(crate) fn animation(&self, name: &str) -> Result<Option<AnimatedTransform>, SceneError> {
+        match self.property(name) {
+            Some(Property {
+                value: Value::Animation(value),
+                ..
+            }) => Ok(Some(value.clone())),
+            _ => Ok(self.transform(name)?.map(AnimatedTransform::still)),
         }
     }
 

@@ -2,8 +2,11 @@
 
 use super::{Limits, Scene, SceneFaults};
 use crate::film::Filter;
+use crate::geometry::Ray;
 use crate::material::Material;
-use crate::math::{Vec2, Vec3};
+use crate::math::warp::square_to_sphere;
+use crate::math::{DVec2, Vec2, Vec3};
+use crate::random::{PathRandom, Stream};
 use crate::sensor::{Projection, Sensor};
 use crate::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
 use std::collections::BTreeMap;
@@ -496,5 +499,183 @@ fn settings_of_integrators_are_read_by_their_descriptions() {
         let integrator = format!("<integrator type='pppm'>{property}</integrator>");
         let faults = read(&integrator).unwrap_err().to_string();
         assert!(faults.contains(said), "{faults}");
+    }
+}
+
+/// A scene whose shutter is open from 0 to 4, with `body` from line 3 on.
+fn with_shutter(body: &str) -> Result<Scene, SceneFaults> {
+    let sensor = "<sensor type='perspective'><float name='shutterClose' value='4'/></sensor>\n";
+    load(&format!("{sensor}{body}"), None)
+}
+
+/// An `<animation>` with a line for each transform.
+fn animation(keyframes: &[(f64, &str)]) -> String {
+    let transform = |(time, map): &(f64, &str)| format!("<transform time='{time}'>{map}</transform>\n");
+    let transforms: String = keyframes.iter().map(transform).collect();
+    format!("<animation name='toWorld'>\n{transforms}</animation>\n")
+}
+
+#[test]
+fn shapes_lights_and_the_sensor_are_where_their_animations_put_them() {
+    // The order of transforms does not matter.
+    let along = |axis: &str| {
+        let [late, early] = [5, 1].map(|to| format!("<translate {axis}='{to}'/>"));
+        animation(&[(3.0, &late), (1.0, &early)])
+    };
+    let sensor = format!(
+        "<sensor type='perspective'><float name='shutter_close' value='4'/>{}</sensor>\n",
+        along("y")
+    );
+    let light = format!("<emitter type='point'>{}</emitter>\n", along("z"));
+    let ball = format!("<shape type='sphere'>{}</shape>\n", along("x"));
+    let scene = load(&format!("{sensor}{light}{ball}"), None).unwrap();
+    let check = |scene: &Scene, expected: f32| {
+        let (lower, upper) = scene.geometry.bounds();
+        let center = 0.5 * (lower + upper);
+        assert!((center - expected * Vec3::X).length() < 1e-5, "{center} for {expected}");
+        let eye = scene.sensor.to_world.point(Vec3::ZERO);
+        assert!((eye - expected * Vec3::Y).length() < 1e-5, "{eye} for {expected}");
+        let lamp = scene
+            .lights
+            .sample_direct(&scene.geometry, Vec3::ZERO, 0.5, DVec2::ZERO)
+            .unwrap();
+        assert!(
+            (lamp.wi * lamp.distance - expected * Vec3::Z).length() < 1e-5,
+            "{lamp:?}"
+        );
+    };
+    for (time, expected) in [(0.0, 1.0), (1.0, 1.0), (1.5, 2.0), (2.75, 4.5), (3.0, 5.0), (4.0, 5.0)] {
+        check(&scene.at(time).unwrap(), expected);
+    }
+    check(&scene, 3.0);
+}
+
+#[test]
+fn what_does_not_move_while_the_shutter_is_open_stands_still() {
+    let ball = |keyframes| format!("{LIGHT}<shape type='sphere'>{}</shape>\n", animation(keyframes));
+    let moves = [(1.0, "<translate x='1'/>"), (2.0, "<translate x='3'/>")];
+    assert!(with_shutter(&ball(&moves)).unwrap().frame(1, 1).is_some());
+    for still in [
+        &[(1.0, "<translate x='1'/>"), (2.0, "<translate x='1'/>")][..],
+        &[(1.0, "<translate x='1'/>")],
+        &[(-2.0, "<translate x='3'/>"), (0.0, "<translate x='1'/>")],
+        &[(4.0, "<translate x='1'/>"), (6.0, "<translate x='3'/>")],
+    ] {
+        let scene = with_shutter(&ball(still)).unwrap();
+        assert!(scene.frame(1, 1).is_none() && scene.at(1.0).is_none());
+        assert_eq!(scene.geometry.bounds().1.x, 2.0_f32.next_up());
+    }
+    let closed = "<sensor type='perspective'><float name='shutter_open' value='1.5'/></sensor>\n";
+    let scene = load(&format!("{closed}{}", ball(&moves)), None).unwrap();
+    assert!(scene.frame(1, 1).is_none());
+    assert_eq!(
+        scene.geometry.bounds().1.x,
+        3.0_f32.next_up(),
+        "the scene is that of the time at which the shutter opens"
+    );
+}
+
+/// A moving shape has the surface of the shape whose transform is that of the time: sides, normals and texture coordinates, also where it
+/// is mirrored.
+#[test]
+fn a_moving_shape_is_at_each_keyframe_that_with_its_transform() {
+    let obj = "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0 0 2\nvn -1 -1 0.1\nvt 0.3 0.1\nvt 0.9 0.8\nvt 0.1 0.7\n";
+    let flat = format!("{obj}f 1 2 3\nf 1 4 2\n");
+    let shaded = format!("{obj}f 1/1/1 2/2/1 3/3/1\nf 1/1/1 4/2/1 2/3/1\n");
+    let place = "<rotate x='1' y='2' z='-1' angle='70'/><translate x='0.5' y='-0.3' z='2'/>";
+    for shape in [
+        "type='rectangle'><boolean name='flip_normals' value='true'/>",
+        "type='cube'>",
+        "type='disk'>",
+        "type='sphere'><point name='center' value='0.2, 0.1, -0.3'/><float name='radius' value='1.3'/>",
+        "type='obj'><string name='filename' value='flat.obj'/>",
+        "type='obj'><string name='filename' value='flat.obj'/><boolean name='face_normals' value='true'/>",
+        "type='obj'><string name='filename' value='shaded.obj'/><boolean name='flip_normals' value='true'/>",
+        "type='obj'><string name='filename' value='shaded.obj'/><boolean name='face_normals' value='true'/>",
+    ] {
+        for mirror in ["", "<scale y='-1'/>"] {
+            let scene = |to_world: &str| {
+                let text = format!(
+                    "<scene version='3.0.0'><sensor type='perspective'><float name='shutter_close' value='4'/></sensor>\n\
+                     {LIGHT}<shape {shape}{to_world}</shape></scene>"
+                );
+                let files = BTreeMap::from([
+                    ("main.xml".to_owned(), text.into_bytes()),
+                    ("flat.obj".to_owned(), flat.clone().into_bytes()),
+                    ("shaded.obj".to_owned(), shaded.clone().into_bytes()),
+                ]);
+                Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default()).unwrap()
+            };
+            let map = format!("{mirror}<scale value='0.7'/>{place}");
+            let still = scene(&format!("<transform name='to_world'>{map}</transform>"));
+            let moving = scene(&animation(&[(0.0, mirror), (3.0, &map)])).at(3.0).unwrap();
+            let (lower, upper) = still.geometry.bounds();
+            let mut random = PathRandom::new(4, 1, Stream::Probe, 0);
+            let mut hits = 0;
+            for _ in 0..200 {
+                let target = lower + (upper - lower) * Vec3::new(random.next_1d(), random.next_1d(), random.next_1d());
+                let origin = 0.5 * (lower + upper) + 5.0 * square_to_sphere(random.next_2d());
+                let ray = Ray {
+                    origin,
+                    direction: (target - origin).normalize(),
+                    max_distance: f32::INFINITY,
+                };
+                let (Some(a), Some(b)) = (still.geometry.intersect(&ray), moving.geometry.intersect(&ray)) else {
+                    continue;
+                };
+                hits += 1;
+                let near = |a: Vec3, b: Vec3| (a - b).length() < 1e-3;
+                let same = near(a.position, b.position)
+                    && near(a.geometric_normal, b.geometric_normal)
+                    && near(a.frame.n, b.frame.n)
+                    && near(a.frame.s, b.frame.s)
+                    && (a.uv - b.uv).length() < 1e-3;
+                assert!(same, "{shape} {mirror}: {a:?} and {b:?}");
+            }
+            assert!(hits > 20, "{shape} {mirror}: {hits}");
+        }
+    }
+}
+
+#[test]
+fn motions_that_a_shape_or_light_cannot_make_are_refused_in_their_line() {
+    let (uneven, far) = ("<scale x='2'/>", "<translate x='9e8'/><scale value='2'/>");
+    for (element, keyframe, message) in [
+        (
+            "shape type='sphere'",
+            uneven,
+            "a sphere can be scaled by the same factor",
+        ),
+        (
+            "shape type='cube'",
+            far,
+            "the shape may come 1.8e9 from the origin as it moves",
+        ),
+        (
+            "shape type='disk'",
+            far,
+            "the shape may come 1.8e9 from the origin as it moves",
+        ),
+        (
+            "shape type='disk'",
+            "<scale value='1e-30'/>",
+            "no area at one of the keyframes",
+        ),
+        (
+            "emitter type='spot'",
+            uneven,
+            "a spot light can be moved, rotated and mirrored only",
+        ),
+        ("emitter type='point'", far, "lies beyond 1e9"),
+    ] {
+        let name = element.split(' ').next().unwrap();
+        let keyframes = animation(&[(0.0, ""), (1.0, keyframe)]);
+        let faults = with_shutter(&format!("{LIGHT}{BALL}<{element}>\n{keyframes}</{name}>\n")).unwrap_err();
+        let told = faults.to_string();
+        assert!(told.contains(message), "{told}");
+        assert!(
+            faults.all().len() == 1 && [Some(5), Some(6)].contains(&faults.first().line()),
+            "{told}"
+        );
     }
 }

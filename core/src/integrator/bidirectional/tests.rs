@@ -19,6 +19,7 @@ fn load(name: &str) -> Scene {
 fn job(scene: &Scene, sampling: Sampling) -> Job<'_> {
     Job {
         scene,
+        at_rest: scene,
         seed: 4,
         iteration: 2,
         sampling,

@@ -222,7 +222,7 @@ impl Estimator for PcfSettings {
     }
 
     fn render(&self, job: &Job, _before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError> {
-        super::render(job, self, self.kernels(job.scene, job.iteration), observer)
+        super::render(job, self, self.kernels(job.at_rest, job.iteration), observer)
     }
 }
 

@@ -19,6 +19,7 @@ fn render_in(batches: Batches, scene: &Scene, settings: &PcfSettings, iteration:
     let bandwidth = bandwidth(scene, &IntegratorSettings::Pcf(settings.clone()), iteration).unwrap();
     let job = Job {
         scene,
+        at_rest: scene,
         seed: 5,
         iteration,
         sampling: settings.sampling,

@@ -31,6 +31,7 @@ impl Workload {
         let bandwidth = bandwidth(scene, &whole, iteration).expect("pcf has a bandwidth");
         let job = Job {
             scene,
+            at_rest: scene,
             seed,
             iteration,
             sampling: settings.sampling,

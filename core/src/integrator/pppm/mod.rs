@@ -192,6 +192,7 @@ mod tests {
         let gather = |light_paths| {
             let job = Job {
                 scene: &scene,
+                at_rest: &scene,
                 seed: 5,
                 iteration: 3,
                 sampling: Sampling::Sobol,

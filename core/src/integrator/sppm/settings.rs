@@ -47,6 +47,6 @@ impl Estimator for SppmSettings {
     }
 
     fn render(&self, job: &Job, before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError> {
-        super::render(job, &self.0, self.radius(job.scene), before, observer)
+        super::render(job, &self.0, self.radius(job.at_rest), before, observer)
     }
 }

@@ -109,6 +109,6 @@ impl Estimator for VcmSettings {
     }
 
     fn render(&self, job: &Job, _before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError> {
-        super::render(job, self, self.radius(job.scene, job.iteration), observer)
+        super::render(job, self, self.radius(job.at_rest, job.iteration), observer)
     }
 }

@@ -2,6 +2,7 @@
 
 mod direct;
 mod emission;
+mod motion;
 
 use super::*;
 use crate::geometry::{Shape, TriangleMesh};
@@ -52,11 +53,11 @@ fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Shape {
 fn patch(origin: Vec3, axis: Vec3) -> Shape {
     let map = facing(origin, axis, Vec3::ONE);
     let corners = [(0.2, 0.1), (1.0, 0.0), (0.0, 1.5), (-1.0, 0.0), (0.0, -0.7)];
-    Shape::Mesh(TriangleMesh {
+    Shape::Mesh(Arc::new(TriangleMesh {
         positions: corners.iter().map(|(x, y)| map.point(Vec3::new(*x, *y, 0.0))).collect(),
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]],
         ..TriangleMesh::default()
-    })
+    }))
 }
 
 /// Area of [`patch`]: half the product of its diagonals.

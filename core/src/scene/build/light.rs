@@ -3,7 +3,7 @@
 use super::texture::light_colour;
 use super::{Builder, uniform_scale};
 use crate::light::Light;
-use crate::math::{Transform, Vec3};
+use crate::math::{AnimatedTransform, Transform, Vec3};
 use crate::scene::description::ObjectId;
 use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
@@ -28,15 +28,20 @@ const ELSEWHERE: [&str; 8] = [
 impl Builder<'_, '_> {
     pub(super) fn emitter(&mut self, object: ObjectId) -> Result<(), SceneError> {
         let reader = self.reader(object);
+        let at_rest = self.motion.at_rest();
+        let mut to_world = None;
         let light = match reader.object.plugin.as_str() {
             "area" => return self.detached_area_light(object, &reader),
             "point" => Light::Point {
-                position: position(&reader)?,
+                position: to_world.insert(place(&reader)?).at(at_rest).point(Vec3::ZERO),
                 intensity: light_colour(&reader, "intensity", 1.0)?,
             },
-            "spot" => spot(&reader)?,
+            "spot" => {
+                let reason = "a spot light can be moved, rotated and mirrored only";
+                spot(&reader, to_world.insert(rotations(&reader, reason)?).at(at_rest))?
+            }
             "directional" => Light::Directional {
-                direction: direction(&reader)?,
+                direction: direction(&reader, &mut to_world, at_rest)?,
                 irradiance: light_colour(&reader, "irradiance", 1.0)?,
             },
             "constant" => {
@@ -47,7 +52,9 @@ impl Builder<'_, '_> {
             }
             "envmap" => {
                 self.only_environment(&reader)?;
-                self.environment_map(&reader)?
+                let reason = "an environment can be rotated and mirrored only";
+                let placed = to_world.insert(rotations(&reader, reason)?).at(at_rest);
+                self.environment_map(&reader, placed)?
             }
             other if ELSEWHERE.contains(&other) => {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
@@ -57,7 +64,8 @@ impl Builder<'_, '_> {
         };
         check_sampling_weight(&reader)?;
         reader.finish()?;
-        self.add_light(light, reader.place());
+        let moving = to_world.filter(|to_world| to_world.moves_within(self.motion.shutter));
+        self.add_light(light, moving, reader.place());
         Ok(())
     }
 
@@ -81,13 +89,10 @@ impl Builder<'_, '_> {
         }
     }
 
-    fn environment_map(&mut self, reader: &Reader) -> Result<Light, SceneError> {
+    fn environment_map(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
         let scale = reader.float_or("scale", POSITIVE, 1.0)? as f32;
         // Importance sampling is never compensated; the estimate has the same mean either way.
         reader.boolean("mis_compensation", false)?;
-        let to_world = reader.transform("to_world")?.unwrap_or_default();
-        let to_world = rotation(&to_world)
-            .ok_or_else(|| reader.wrong("to_world", "an environment can be rotated and mirrored only"))?;
         let image = self.bitmap_file(reader, false, WrapMode::Repeat, TextureFilter::Bilinear)?;
         reader.finish()?;
         if image.width < 2 || image.height < 2 {
@@ -115,32 +120,46 @@ pub(super) fn check_sampling_weight(reader: &Reader) -> Result<(), SceneError> {
     reader.float("sampling_weight", POSITIVE).map(|_| ())
 }
 
-fn position(reader: &Reader) -> Result<Vec3, SceneError> {
-    let position = match (reader.vector("position")?, reader.transform("to_world")?) {
+/// The place of a light without a direction.
+fn place(reader: &Reader) -> Result<AnimatedTransform, SceneError> {
+    let place = match (reader.vector("position")?, reader.animation("to_world")?) {
         (Some(_), Some(_)) => return Err(reader.wrong("position", "give either `position` or `to_world`, not both")),
-        (Some(position), None) => position.as_vec3(),
-        (None, to_world) => to_world.unwrap_or_default().point(Vec3::ZERO),
+        (Some(position), None) => {
+            let translation = Transform::from_matrix(DMat4::from_translation(position));
+            AnimatedTransform::still(translation.unwrap_or_default())
+        }
+        (None, to_world) => to_world.unwrap_or_default(),
     };
-    if position.abs().max_element() > LARGEST_COORDINATE {
-        return Err(reader.wrong("position", format!("{position} lies beyond {LARGEST_COORDINATE:e}")));
+    for keyframe in place.keyframes() {
+        let position = keyframe.point(Vec3::ZERO);
+        if position.abs().max_element() > LARGEST_COORDINATE {
+            return Err(reader.wrong("position", format!("{position} lies beyond {LARGEST_COORDINATE:e}")));
+        }
     }
-    Ok(position)
+    Ok(place)
 }
 
-fn direction(reader: &Reader) -> Result<Vec3, SceneError> {
-    let direction = match (reader.vector("direction")?, reader.transform("to_world")?) {
+/// The direction in which a light from infinity travels, at rest; where a transform gives it, that goes to `to_world`.
+fn direction(reader: &Reader, to_world: &mut Option<AnimatedTransform>, at_rest: f64) -> Result<Vec3, SceneError> {
+    let direction = match (reader.vector("direction")?, reader.animation("to_world")?) {
         (Some(_), Some(_)) => return Err(reader.wrong("direction", "give either `direction` or `to_world`, not both")),
         (Some(direction), None) => direction,
-        (None, to_world) => to_world.unwrap_or_default().matrix().z_axis.truncate(),
+        (None, given) => {
+            let map = to_world.insert(given.unwrap_or_default()).at(at_rest);
+            map.matrix().z_axis.truncate()
+        }
     };
     let unit = direction.try_normalize().map(|direction| direction.as_vec3());
     unit.ok_or_else(|| reader.wrong("direction", "it has no length"))
 }
 
-fn spot(reader: &Reader) -> Result<Light, SceneError> {
-    let to_world = reader.transform("to_world")?.unwrap_or_default();
-    let to_world = rotation(&to_world)
-        .ok_or_else(|| reader.wrong("to_world", "a spot light can be moved, rotated and mirrored only"))?;
+/// `to_world` without its uniform scale; `reason` says what it may be.
+fn rotations(reader: &Reader, reason: &str) -> Result<AnimatedTransform, SceneError> {
+    let to_world = reader.animation("to_world")?.unwrap_or_default();
+    to_world.map(rotation).ok_or_else(|| reader.wrong("to_world", reason))
+}
+
+fn spot(reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
     let cutoff = reader.float_or("cutoff_angle", 0.01..=180.0, 20.0)?;
     let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?;
     let intensity = light_colour(reader, "intensity", 1.0)?;

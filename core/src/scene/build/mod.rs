@@ -16,7 +16,8 @@ use super::{Scene, SceneWarning, ShapeBinding, Wishes, lamps};
 use crate::geometry::{Geometry, Shape, ShapeId};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
-use crate::math::Transform;
+use crate::math::{AnimatedTransform, Transform};
+use crate::motion::Motion;
 use crate::texture::Bitmap;
 use sensor::View;
 use std::collections::{BTreeMap, BTreeSet};
@@ -91,6 +92,7 @@ struct Builder<'b, 'f> {
     materials: Vec<Material>,
     /// Lights with their places.
     lights: Vec<(Light, Place)>,
+    motion: Motion,
     /// Materials that were built, by the object that describes them.
     material_of: BTreeMap<ObjectId, u32>,
     /// The material of shapes that name none.
@@ -116,6 +118,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             bindings: Vec::new(),
             materials: Vec::new(),
             lights: Vec::new(),
+            motion: Motion::default(),
             material_of: BTreeMap::new(),
             default_material: None,
             building: Vec::new(),
@@ -145,7 +148,10 @@ impl<'b, 'f> Builder<'b, 'f> {
             self.warn(&self.description.objects[chosen].place, message);
         }
         let built = sensor::build(self.description, chosen, self.loader.limits);
-        let view = self.description.attempt(chosen, built)?;
+        let view = self.description.attempt(chosen, built)?.map(|(view, motion)| {
+            self.motion = motion;
+            view
+        });
         if view.as_ref().is_some_and(View::is_upside_down) {
             let message =
                 "the camera stands on its head: up in the picture is down in the world (see `up` of its <lookat>)";
@@ -180,9 +186,12 @@ impl<'b, 'f> Builder<'b, 'f> {
         ShapeId(self.shapes.len() as u32 - 1)
     }
 
-    fn add_light(&mut self, light: Light, place: &Place) -> LightId {
+    /// Adds a light that moves by `to_world`, where that is given.
+    fn add_light(&mut self, light: Light, to_world: Option<AnimatedTransform>, place: &Place) -> LightId {
         self.lights.push((light, place.clone()));
-        LightId(self.lights.len() as u32 - 1)
+        let id = LightId(self.lights.len() as u32 - 1);
+        self.motion.lights.extend(to_world.map(|to_world| (id, to_world)));
+        id
     }
 
     fn finish(mut self, place: &Place, view: Option<View>, wishes: Wishes) -> Result<Scene, SceneError> {
@@ -211,13 +220,14 @@ impl<'b, 'f> Builder<'b, 'f> {
         let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
         Ok(Scene {
             geometry,
-            bindings: self.bindings,
-            materials: self.materials,
+            bindings: self.bindings.into(),
+            materials: self.materials.into(),
             lights,
             sensor,
             film,
             wishes,
             warnings: self.warnings,
+            motion: (!self.motion.is_empty()).then_some(self.motion),
             small_lamp,
         })
     }

@@ -3,7 +3,8 @@
 use super::uniform_scale;
 use crate::film::{FilmSettings, Filter};
 use crate::geometry::Geometry;
-use crate::math::{Transform, Vec2, Vec3, tan};
+use crate::math::{AnimatedTransform, Transform, Vec2, Vec3, tan};
+use crate::motion::Motion;
 use crate::scene::Limits;
 use crate::scene::description::{Description, Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError, shortened, within};
@@ -121,8 +122,12 @@ pub(super) fn default_view(geometry: &Geometry) -> View {
     }
 }
 
-/// Builds a sensor.
-pub(super) fn build(description: &Description, object: ObjectId, limits: &Limits) -> Result<View, SceneError> {
+/// Builds a sensor, and begins the motion by its own and the time that its shutter is open.
+pub(super) fn build(
+    description: &Description,
+    object: ObjectId,
+    limits: &Limits,
+) -> Result<(View, Motion), SceneError> {
     let reader = Reader::new(description, object);
     let plugin = reader.object.plugin.as_str();
     if OTHER_SENSORS.contains(&plugin) {
@@ -149,52 +154,63 @@ pub(super) fn build(description: &Description, object: ObjectId, limits: &Limits
         }
         None => None,
     };
-    let sensor = camera(&reader, film.resolution)?;
+    let (sensor, motion) = camera(&reader, film.resolution)?;
     reader.finish()?;
-    Ok(View {
+    let view = View {
         sensor,
         film,
         sample_count,
-    })
+    };
+    Ok((view, motion))
 }
 
 const DEFAULT_RESOLUTION: [u32; 2] = [768, 576];
 const DEFAULT_FILTER: Filter = Filter::Gaussian { stddev: 0.5 };
 
-fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<Sensor, SceneError> {
-    let to_world = reader.transform("to_world")?.unwrap_or_default();
-    check_position(reader, to_world.point(Vec3::ZERO))?;
+fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<(Sensor, Motion), SceneError> {
+    let to_world = reader.animation("to_world")?.unwrap_or_default();
+    for keyframe in to_world.keyframes() {
+        check_position(reader, keyframe.point(Vec3::ZERO))?;
+    }
     let near = reader.float_or("near_clip", POSITIVE, 1e-2)?;
     let far = reader.float_or("far_clip", POSITIVE, 1e4)?;
     if near >= far {
         reader.fault(reader.wrong("near_clip", format!("{near} is not below `far_clip`, {far}")))?;
     }
     let focus_distance = reader.float_or("focus_distance", POSITIVE, far)? as f32;
-    shutter(reader)?;
+    let mut motion = Motion {
+        shutter: shutter(reader)?,
+        ..Motion::default()
+    };
     let projection = if reader.object.plugin == "orthographic" {
         Projection::Orthographic
     } else {
         perspective(reader, &to_world, resolution, focus_distance)?
     };
-    let sensor = Sensor {
+    let placed = |to_world: Transform| Sensor {
         to_world,
         projection,
         resolution,
         clip: [near as f32, far as f32],
     };
     if matches!(projection, Projection::Orthographic) {
-        check_extent(reader, &sensor)?;
+        for keyframe in to_world.keyframes() {
+            check_extent(reader, &placed(*keyframe))?;
+        }
     }
-    Ok(sensor)
+    let sensor = placed(to_world.at(motion.at_rest()));
+    motion.sensor = to_world.moves_within(motion.shutter).then_some(to_world);
+    Ok((sensor, motion))
 }
 
 fn perspective(
     reader: &Reader,
-    to_world: &Transform,
+    to_world: &AnimatedTransform,
     resolution: [u32; 2],
     focus_distance: f32,
 ) -> Result<Projection, SceneError> {
-    if uniform_scale(to_world).is_none_or(|scale| (scale - 1.0).abs() > 1e-3) {
+    let scaled = |keyframe| uniform_scale(keyframe).is_none_or(|scale| (scale - 1.0).abs() > 1e-3);
+    if to_world.keyframes().any(scaled) {
         let reason = "this camera can be moved, rotated and mirrored, but not scaled or sheared";
         reader.fault(reader.wrong("to_world", reason))?;
     }
@@ -248,15 +264,15 @@ fn check_extent(reader: &Reader, sensor: &Sensor) -> Result<(), SceneError> {
     Err(reader.wrong("to_world", format!("a pixel's side in the world is {footprint}")))
 }
 
-/// There is no motion, so the shutter must open for no time.
-fn shutter(reader: &Reader) -> Result<(), SceneError> {
+/// When the shutter opens and closes; without motion that says nothing.
+fn shutter(reader: &Reader) -> Result<[f64; 2], SceneError> {
     let open = reader.float_or("shutter_open", ANY, 0.0)?;
     let close = reader.float_or("shutter_close", ANY, open)?;
-    if open == close {
-        Ok(())
-    } else {
-        reader.fault(reader.wrong("shutter_close", "motion blur is not supported"))
+    if close < open {
+        let reason = format!("{close} lies before `shutter_open`, {open}");
+        reader.fault(reader.wrong("shutter_close", reason))?;
     }
+    Ok([open, close])
 }
 
 /// The horizontal field of view [radians] of `fov` and `fov_axis`, or of `focal_length` on 35 mm film.

@@ -1,9 +1,10 @@
 //! Shapes.
 
 use super::{Builder, uniform_scale};
-use crate::geometry::Shape;
+use crate::geometry::{Shape, ShapeId, ShapeSampler};
 use crate::light::Light;
-use crate::math::{Transform, Vec3};
+use crate::math::{AnimatedTransform, Transform, Vec3};
+use crate::motion::MovingShape;
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::SceneError;
 use crate::scene::mesh::{self, MeshFile, RawMesh, primitives};
@@ -31,7 +32,15 @@ const ELSEWHERE: [&str; 10] = [
 impl Builder<'_, '_> {
     pub(super) fn shape(&mut self, object: ObjectId) -> Result<(), SceneError> {
         let reader = self.reader(object);
-        let to_world = reader.transform("to_world")?.unwrap_or_default();
+        let animation = reader.animation("to_world")?.unwrap_or_default();
+        let moving = match animation.moves_within(self.motion.shutter) {
+            true => own_space(&animation),
+            false => None,
+        };
+        let to_world = match &moving {
+            Some((to_own, _)) => *to_own,
+            None => animation.at(self.motion.at_rest()),
+        };
         let flip = reader.boolean("flip_normals", false)?;
         let bsdf = reader.only_child(Kind::Bsdf)?;
         let emitter = reader.only_child(Kind::Emitter)?;
@@ -59,12 +68,34 @@ impl Builder<'_, '_> {
             }
             _ => return Err(reader.unknown_type(&SUPPORTED)),
         };
-        let shape = self.add_shape(shape, material);
+        let moving = moving.map(|(_, to_world)| to_world);
+        let shape = match &moving {
+            Some(to_world) => self.add_moving_shape(&reader, shape, to_world, material)?,
+            None => self.add_shape(shape, material),
+        };
         if let (Some(radiance), Some(emitter)) = (radiance, emitter) {
-            let light = self.add_light(Light::Area { shape, radiance }, &emitter.place);
+            let light = self.add_light(Light::Area { shape, radiance }, moving, &emitter.place);
             self.bindings[shape.0 as usize].light = Some(light);
         }
         Ok(())
+    }
+
+    /// Adds a shape that stands in a space of its own and moves in the world by `to_world`.
+    fn add_moving_shape(
+        &mut self,
+        reader: &Reader,
+        shape: Shape,
+        to_world: &AnimatedTransform,
+        material: u32,
+    ) -> Result<ShapeId, SceneError> {
+        check_motion(reader, ShapeId(self.shapes.len() as u32), &shape, to_world)?;
+        let id = self.add_shape(shape.moved(&to_world.at(self.motion.at_rest())), material);
+        self.motion.shapes.push(MovingShape {
+            id,
+            shape,
+            to_world: to_world.clone(),
+        });
+        Ok(id)
     }
 
     /// The radiance of a shape's area light.
@@ -93,7 +124,7 @@ impl Builder<'_, '_> {
         mesh.normals.clear();
         self.meshes.triangles += mesh.triangles.len() as u64;
         self.meshes.vertices += mesh.positions.len() as u64;
-        Ok(Shape::Mesh(mesh))
+        Ok(Shape::Mesh(mesh.into()))
     }
 
     fn mesh(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
@@ -129,7 +160,7 @@ impl Builder<'_, '_> {
         self.meshes.vertices += raw.positions.len() as u64;
         let broken = |reason| SceneError::data(&source.place, format!("{reason} (used at {})", reader.place()));
         let mesh = mesh::finish(raw, to_world, face_normals, flip).map_err(broken)?;
-        Ok(Shape::Mesh(mesh))
+        Ok(Shape::Mesh(mesh.into()))
     }
 }
 
@@ -140,12 +171,7 @@ fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, Sc
     let unit_to_world = DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(radius));
     let unit_to_world = Transform::from_matrix(unit_to_world).map(|placed| to_world.after(&placed));
     let placed = unit_to_world.ok_or_else(|| reader.wrong("radius", "the sphere is too small or too large"))?;
-    let scale = uniform_scale(&placed).ok_or_else(|| {
-        reader.wrong(
-            "to_world",
-            "a sphere can be scaled by the same factor in all directions only",
-        )
-    })?;
+    let scale = uniform_scale(&placed).ok_or_else(|| reader.wrong("to_world", UNEVEN_SPHERE))?;
     let (center, radius) = (placed.point(Vec3::ZERO), scale as f32);
     check_extent(reader, center, radius)?;
     let flip_normals = flip != placed.flips_handedness();
@@ -169,6 +195,47 @@ fn disk(reader: &Reader, to_world: Transform, flip: bool) -> Result<Shape, Scene
         flip_normals: flip,
     })
 }
+
+/// The space of its own in which a moving shape is built: a map to it from the space in which the shape is written, and the motion from it
+/// to the world. The map mirrors where the motion would, so that the sides of triangles are told as for a shape that stands still.
+fn own_space(animation: &AnimatedTransform) -> Option<(Transform, AnimatedTransform)> {
+    let mirrors = animation.keyframes().any(Transform::flips_handedness);
+    let sign = if mirrors { -1.0 } else { 1.0 };
+    let to_own = Transform::from_matrix(DMat4::from_scale(DVec3::new(sign, 1.0, 1.0)))?;
+    let motion = animation.map(|keyframe| Some(keyframe.after(&to_own.inverted())))?;
+    Some((to_own, motion))
+}
+
+/// Checks that a moving shape keeps within the largest coordinate and has an area at each keyframe; between them it has one as well.
+fn check_motion(reader: &Reader, id: ShapeId, shape: &Shape, to_world: &AnimatedTransform) -> Result<(), SceneError> {
+    let radius = match shape {
+        Shape::Mesh(mesh) => mesh.positions.iter().map(|p| p.length()).fold(0.0, f32::max),
+        Shape::Sphere { center, radius, .. } => center.length() + radius,
+        Shape::Disk { .. } => 1.0,
+    };
+    let reach = to_world.reach(f64::from(radius));
+    let limit = f64::from(mesh::LARGEST_COORDINATE);
+    if reach.is_nan() || reach > limit {
+        let reason =
+            format!("the shape may come {reach:.1e} from the origin as it moves; coordinates reach to {limit:e}");
+        return Err(reader.wrong("to_world", reason));
+    }
+    for keyframe in to_world.keyframes() {
+        let placed = shape.moved(keyframe);
+        if let Shape::Sphere { center, radius, .. } = &placed {
+            if uniform_scale(keyframe).is_none() {
+                return Err(reader.wrong("to_world", UNEVEN_SPHERE));
+            }
+            check_extent(reader, *center, *radius)?;
+        }
+        if ShapeSampler::of(&placed, id).area() < f32::MIN_POSITIVE {
+            return Err(reader.wrong("to_world", "the shape has no area at one of the keyframes"));
+        }
+    }
+    Ok(())
+}
+
+const UNEVEN_SPHERE: &str = "a sphere can be scaled by the same factor in all directions only";
 
 fn check_extent(reader: &Reader, center: Vec3, reach: f32) -> Result<(), SceneError> {
     let largest = center.abs().max_element() + reach;

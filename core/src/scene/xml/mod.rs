@@ -220,6 +220,7 @@ impl XmlReader<'_, '_> {
         }
         match name {
             "transform" => return self.transform(context, node),
+            "animation" => return self.animation(context, node),
             "default" => self.default(context, node)?,
             "include" => self.include(context, node)?,
             "path" => self.path(context, node)?,

@@ -44,12 +44,12 @@ pub(super) fn check_version(place: &Place, version: &str) -> Result<(), SceneErr
 
 /// The error for an element that is no object and no value.
 pub(super) fn unknown_element(place: &Place, element: &str) -> SceneError {
-    if ["medium", "volume", "phase", "subsurface", "field", "animation"].contains(&element) {
+    if ["medium", "volume", "phase", "subsurface", "field"].contains(&element) {
         return SceneError::Unsupported {
             place: place.clone(),
             context: "scene".into(),
             what: format!("element <{element}>"),
-            instead: "scenes consist of surfaces in empty space, without motion".into(),
+            instead: "scenes consist of surfaces in empty space".into(),
         };
     }
     let objects = Kind::ELEMENTS
@@ -66,6 +66,7 @@ pub(super) fn unknown_element(place: &Place, element: &str) -> SceneError {
         "rgb",
         "spectrum",
         "transform",
+        "animation",
     ];
     let rest = ["default", "include", "path", "ref", "alias"];
     SceneError::unknown(place, "scene", "element", element, objects.chain(values).chain(rest))

@@ -5,7 +5,7 @@ use super::super::error::{Place, SceneError};
 use super::attributes::{Attributes, ElementFaults};
 use super::document::Document;
 use super::{Context, XmlReader, names, transform, values};
-use crate::math::Transform;
+use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use roxmltree::Node;
 
@@ -98,6 +98,14 @@ impl XmlReader<'_, '_> {
     pub(super) fn transform(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
         let mut attributes = self.attributes(context.document, node, &["name"])?;
         let name = attributes.take("name");
+        let total = self.operations(context, node, &mut attributes);
+        let place = attributes.place.clone();
+        let name = attributes.settle(name)?;
+        Ok(self.set(context.parent, &place, &name, Value::Transform(Box::new(total)))?)
+    }
+
+    /// All operations of a transform together; what is wrong with them is collected.
+    fn operations(&mut self, context: Context, node: Node, attributes: &mut Attributes) -> Transform {
         let mut total = transform::identity();
         for child in node.children() {
             let operation = if child.is_element() {
@@ -111,9 +119,57 @@ impl XmlReader<'_, '_> {
                 Err(faults) => attributes.faults.extend(faults.into_list()),
             }
         }
-        let place = attributes.place.clone();
+        total
+    }
+
+    /// An `<animation>`: transforms with their times, in any order.
+    pub(super) fn animation(&mut self, context: Context, node: Node) -> Result<(), ElementFaults> {
+        let mut attributes = self.attributes(context.document, node, &["name"])?;
+        let name = attributes.take("name");
+        let mut keyframes = Vec::new();
+        for child in node.children() {
+            let keyframe = if child.is_element() {
+                self.keyframe(context, child).map(|keyframe| keyframes.push(keyframe))
+            } else {
+                context.document.no_text(child, "animation").map_err(Into::into)
+            };
+            if let Err(faults) = keyframe {
+                attributes.faults.extend(faults.into_list());
+            }
+        }
+        keyframes.sort_by(|(a, _, _), (b, _, _)| a.total_cmp(b));
+        for pair in keyframes.windows(2) {
+            let ((time, _, first), (again, _, second)) = (&pair[0], &pair[1]);
+            if time == again {
+                let reason = format!("{time} is the time of the transform at {first} as well");
+                attributes
+                    .faults
+                    .push(SceneError::value(second, "<transform> time", reason));
+            }
+        }
+        let (place, field) = (attributes.place.clone(), field(&attributes, name.as_deref()));
         let name = attributes.settle(name)?;
-        Ok(self.set(context.parent, &place, &name, Value::Transform(Box::new(total)))?)
+        let reason = match keyframes.is_empty() {
+            true => "it has no <transform time=\"...\">",
+            false => "some of its transforms mirror and others do not, so that a map between them has no inverse",
+        };
+        let keyframes = keyframes.into_iter().map(|(time, map, _)| (time, map)).collect();
+        let animation = AnimatedTransform::new(keyframes).ok_or_else(|| SceneError::value(&place, field, reason))?;
+        Ok(self.set(context.parent, &place, &name, Value::Animation(animation))?)
+    }
+
+    /// A `<transform>` within an `<animation>`: its time, its map and its place.
+    fn keyframe(&mut self, context: Context, node: Node) -> Result<(f64, Transform, Place), ElementFaults> {
+        let (place, element) = (context.document.place(node), node.tag_name().name());
+        if element != "transform" {
+            return Err(SceneError::unknown(&place, "<animation>", "element", element, ["transform"]).into());
+        }
+        let mut attributes = self.attributes(context.document, node, &["time"])?;
+        let time = attributes.take("time");
+        let time = time.and_then(|text| named(&mut attributes, None, "time", values::float(&text)));
+        let map = self.operations(context, node, &mut attributes);
+        let time = attributes.settle(time)?;
+        Ok((time, map, place))
     }
 
     /// The transform `before` followed by an operation.
