@@ -32,7 +32,7 @@ const THIN_LENS: &str = r#"<sensor type="thinlens"><float name="fov" value="50"/
 const ORTHOGRAPHIC: &str = r#"<sensor type="orthographic">VIEW</sensor>"#;
 
 /// A delta light has caustics that `path` does not find.
-const LIGHTS: [(&str, bool, &str); 6] = [
+const LIGHTS: [(&str, bool, &str); 7] = [
     (
         "area",
         false,
@@ -54,6 +54,13 @@ const LIGHTS: [(&str, bool, &str); 6] = [
         "spot",
         true,
         r#"<emitter type="spot"><float name="cutoff_angle" value="40"/><rgb name="intensity" value="9, 9, 7"/>
+            <transform name="to_world"><lookat origin="0.5, 2, 1" target="0, 0.3, 0" up="0, 0, 1"/></transform></emitter>"#,
+    ),
+    (
+        "projector",
+        true,
+        r#"<emitter type="projector"><float name="fov" value="60"/><float name="scale" value="2"/>
+            <texture type="checkerboard" name="irradiance"><rgb name="color0" value="1, 0.8, 0.3"/><rgb name="color1" value="0.2, 0.3, 1"/></texture>
             <transform name="to_world"><lookat origin="0.5, 2, 1" target="0, 0.3, 0" up="0, 0, 1"/></transform></emitter>"#,
     ),
     (

@@ -10,13 +10,14 @@ use photonfarm_core::settings::{
 use photonfarm_tests::scenes;
 use std::path::Path;
 
-const SCENES: [&str; 8] = [
+const SCENES: [&str; 9] = [
     "coated",
     "diffuse-box",
     "environment",
     "mirror-glass",
     "motion",
     "orthographic",
+    "projector",
     "spot-sun",
     "textures",
 ];

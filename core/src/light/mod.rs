@@ -6,6 +6,7 @@
 
 mod background;
 mod environment;
+mod projector;
 mod spot;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, Texture};
 use background::Background;
 use environment::Environment;
+use projector::Projector;
 use spot::Spot;
 use std::sync::Arc;
 
@@ -65,7 +67,7 @@ pub struct EmissionSample {
 pub enum Origin {
     /// On an area light.
     Area(LightId, SurfacePoint),
-    /// At a point light or a spot.
+    /// At a point: a point light, a spot or a projector.
     Point,
     /// At infinity, in one direction.
     Directional,
@@ -115,6 +117,19 @@ pub enum Light {
         /// Angle from the axis up to which intensity is full [radians].
         beam_width: f32,
     },
+    /// Mitsuba's `projector`: an image thrown from a point.
+    Projector {
+        /// Maps the origin to the light's place and +z to its axis; it moves, turns and mirrors only.
+        to_world: Transform,
+        /// Angle that the width of the image is seen under [radians].
+        fov_x: f32,
+        /// Width of the image over its height.
+        aspect: f32,
+        /// Radiance of a white diffuse surface that faces the light at distance 1 [W/(m^2 sr)], before scaling.
+        image: Texture,
+        /// Factor on the image.
+        scale: f32,
+    },
     /// `irradiance` [W/m^2] on a surface facing it, travelling along the unit vector `direction`.
     Directional {
         /// Unit direction in which light travels.
@@ -161,6 +176,7 @@ enum Source {
     Area { sampler: ShapeSampler, radiance: Texture },
     Point { position: Vec3, intensity: Spectrum },
     Spot(Spot),
+    Projector(Projector),
     Directional { direction: Vec3, irradiance: Spectrum },
     Background(Background),
 }
@@ -213,6 +229,13 @@ impl Source {
                 cutoff_angle,
                 beam_width,
             } => Self::Spot(Spot::new(&to_world, intensity, cutoff_angle, beam_width)),
+            Light::Projector {
+                to_world,
+                fov_x,
+                aspect,
+                image,
+                scale,
+            } => Self::Projector(Projector::new(&to_world, fov_x, aspect, image, scale)),
             Light::Directional { direction, irradiance } => Self::Directional { direction, irradiance },
             Light::Constant { radiance } => Self::Background(Background::Constant(radiance)),
             Light::Environment { image, scale, to_world } => Self::Background(Background::Environment(Box::new(
@@ -233,6 +256,7 @@ impl Source {
                 intensity: *intensity,
             },
             Self::Spot(spot) => Self::Spot(spot.moved(to_world)),
+            Self::Projector(projector) => Self::Projector(projector.moved(to_world)),
             Self::Directional { irradiance, .. } => Self::Directional {
                 direction: to_world.matrix().z_axis.truncate().normalize().as_vec3(),
                 irradiance: *irradiance,
@@ -250,6 +274,7 @@ impl Source {
             Self::Area { sampler, radiance } => radiance.mean().luminance() * PI * sampler.area(),
             Self::Point { intensity, .. } => intensity.luminance() * 4.0 * PI,
             Self::Spot(spot) => spot.power(),
+            Self::Projector(projector) => projector.power(),
             Self::Directional { irradiance, .. } => irradiance.luminance() * world.cross_section(),
             Self::Background(background) => background.mean_luminance() * 4.0 * PI * world.cross_section(),
         }
@@ -350,6 +375,16 @@ impl Lights {
                 let spread = 1.0 / (distance * distance);
                 delta(wi, distance, spot.intensity(-wi) * spread, spot.pdf() * spread)
             }
+            Source::Projector(projector) => {
+                let (wi, distance) = towards(projector.position())?;
+                let spread = 1.0 / (distance * distance);
+                delta(
+                    wi,
+                    distance,
+                    projector.intensity(-wi) * spread,
+                    projector.pdf(-wi) * spread,
+                )
+            }
             Source::Directional { direction, irradiance } => {
                 delta(-*direction, f32::INFINITY, *irradiance, per_cross_section)
             }
@@ -449,6 +484,10 @@ impl Lights {
             Source::Spot(spot) => {
                 let (ray, flux) = spot.emit(direction);
                 at_point(ray, flux, spot.pdf())
+            }
+            Source::Projector(projector) => {
+                let (ray, flux, pdf) = projector.emit(direction);
+                at_point(ray, flux, pdf)
             }
             Source::Directional { direction, irradiance } => EmissionSample {
                 ray: self.world.ray(*direction, position),

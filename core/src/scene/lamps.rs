@@ -38,6 +38,7 @@ impl Appearance {
                 seen(area / distance2, radiance.mean().luminance())
             }
             Light::Point { intensity, .. } | Light::Spot { intensity, .. } => point(intensity.luminance() / distance2),
+            Light::Projector { image, scale, .. } => point(PI * scale * image.mean().luminance() / distance2),
             Light::Directional { irradiance, .. } => point(irradiance.luminance()),
             Light::Constant { radiance } => seen(4.0 * PI, radiance.luminance()),
             Light::Environment { image, scale, .. } => {

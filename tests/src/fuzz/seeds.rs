@@ -213,7 +213,9 @@ pub(super) fn images() -> Vec<Vec<u8>> {
         image.write_to(&mut bytes, format).expect("memory takes bytes");
         bytes.into_inner()
     };
-    formats.into_iter().map(image).collect()
+    let floats = [0.5_f32, 1.0, 2.0, 4.0, 8.0, 0.25].map(f32::to_le_bytes).concat();
+    let float_map = [b"PF\n2 1\n-1.0\n".as_slice(), &floats].concat();
+    formats.into_iter().map(image).chain([float_map]).collect()
 }
 
 pub(super) fn spectra() -> Vec<Vec<u8>> {

@@ -220,6 +220,31 @@ fn a_spot_is_that_of_mitsuba() {
     );
 }
 
+/// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Emitter.sample_direction` of the same light.
+#[test]
+fn a_projector_is_that_of_mitsuba() {
+    let geometry = Geometry::build(Vec::new());
+    let lights = Lights::build(vec![projector()], &geometry);
+    let towards = |at: Vec3| lights.sample_direct(&geometry, at, 0.5, DVec2::splat(0.5));
+    for (at, expected) in [
+        (Vec3::new(0.3, 0.1, -0.2), [1.333_86, 4.446_2, 0.222_31]),
+        (Vec3::new(-0.5, -0.3, 0.1), [0.810_956, 4.460_26, 0.202_739]),
+        (Vec3::new(0.4, 0.2, 0.9), [2.414_02, 8.851_42, 0.402_337]),
+    ] {
+        let sample = towards(at).unwrap();
+        for (found, expected) in sample.radiance.to_rgb().into_iter().zip(expected) {
+            assert!(
+                (found - expected).abs() < 2e-5 * expected,
+                "{at}: {sample:?}, {expected}"
+            );
+        }
+        assert!(sample.delta && sample.pdf == 1.0);
+        assert!((at + sample.wi * sample.distance - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-5);
+    }
+    assert!(towards(Vec3::splat(3.0)).is_none(), "beside the image");
+    assert!(towards(Vec3::new(2.0, 4.0, 6.0)).is_none(), "behind the projector");
+}
+
 #[test]
 fn points_and_directional_lights_have_their_closed_form() {
     let geometry = Geometry::build(vec![sphere(Vec3::ZERO, 1.0, false)]);

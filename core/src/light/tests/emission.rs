@@ -44,6 +44,13 @@ fn directions_of_emission_match_their_density() {
     check_directions("spot", vec![], spot, |_, d| {
         if d.dot(normal) >= inside { 1.0 / cap } else { 0.0 }
     });
+    // A connection's density by area at the distance 1 is that by solid angle.
+    let projector_pdf = |lights: &Lights, d: Vec3| {
+        let at = Vec3::new(1.0, 2.0, 3.0) + d;
+        let connection = lights.sample_direct(&Geometry::build(vec![]), at, 0.5, DVec2::splat(0.5));
+        connection.map_or(0.0, |connection| connection.arrival)
+    };
+    check_directions("projector", vec![], projector(), projector_pdf);
     let environment_pdf = |lights: &Lights, d: Vec3| lights.pdf_background(-d);
     check_directions("environment", vec![], environment(16, 9), environment_pdf);
 }
@@ -168,6 +175,10 @@ fn mean_flux_is_the_power() {
     };
     let spot_power = 6.0 * pi * (1.0 - (libm::sin(0.9) - libm::sin(0.5)) / 0.4);
     check_power("spot", vec![], vec![spot], spot_power);
+    // Columns of the image show 1 to 4 in the first channel.
+    let half_width = libm::tan(20.0_f64.to_radians());
+    let projector_power = 2.0 * pi * 2.5 * 4.0 * half_width * (0.5 * half_width);
+    check_power("projector", vec![], vec![projector()], projector_power);
     let sun = Light::Directional {
         direction: Vec3::Y,
         irradiance: gray(3.0),

@@ -7,11 +7,11 @@ mod motion;
 use super::*;
 use crate::geometry::{Shape, TriangleMesh};
 use crate::random::{PathRandom, Stream};
-use crate::texture::{TextureFilter, WrapMode};
+use crate::texture::{TextureFilter, UvTransform, WrapMode};
 use glam::{DMat4, DVec3, DVec4};
 
 /// Chi-square tests of this module, for Sidak's correction.
-const FAMILY: usize = 18;
+const FAMILY: usize = 19;
 /// Deviations that a z-test allows: a false alarm has probability 6.3e-5 each, fixed by the seed.
 const DEVIATIONS: f64 = 4.0;
 
@@ -85,6 +85,30 @@ fn environment(width: usize, height: usize) -> Light {
         image: image(width, height),
         scale: 2.0,
         to_world,
+    }
+}
+
+/// A projector at (1, 2, 3) that looks at the origin.
+fn projector() -> Light {
+    let matrix = DMat4::look_to_lh(DVec3::ZERO, DVec3::new(-1.0, -2.0, -3.0), DVec3::Y).inverse();
+    let texels = (0..8).map(|i| Spectrum::from_rgb([1.0 + (i % 4) as f32, 10.0 + (i / 4) as f32, 0.5]));
+    let image = Bitmap {
+        width: 4,
+        height: 2,
+        texels: texels.collect(),
+        wrap: WrapMode::Repeat,
+        filter: TextureFilter::Nearest,
+    };
+    let identity = UvTransform {
+        linear: [Vec2::X, Vec2::Y],
+        offset: Vec2::ZERO,
+    };
+    Light::Projector {
+        to_world: Transform::from_matrix(DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0)) * matrix).unwrap(),
+        fov_x: 40.0_f32.to_radians(),
+        aspect: 2.0,
+        image: Texture::Bitmap(Arc::new(image), identity),
+        scale: 2.0,
     }
 }
 

@@ -1,6 +1,7 @@
 //! Emitters that are not on a shape.
 
-use super::texture::light_colour;
+use super::sensor::horizontal_field_of_view;
+use super::texture::{Role, light_colour};
 use super::{Builder, uniform_scale};
 use crate::light::Light;
 use crate::math::{AnimatedTransform, Transform, Vec3};
@@ -9,13 +10,20 @@ use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
 use crate::scene::spectrum::BRIGHTEST;
-use crate::texture::{TextureFilter, WrapMode};
+use crate::texture::{Texture, TextureFilter, WrapMode};
 use glam::DMat4;
 
-const SUPPORTED: [&str; 6] = ["area", "point", "spot", "directional", "constant", "envmap"];
-/// Emitters of Mitsuba that do not exist here.
-const ELSEWHERE: [&str; 8] = [
+const SUPPORTED: [&str; 7] = [
+    "area",
+    "point",
+    "spot",
     "projector",
+    "directional",
+    "constant",
+    "envmap",
+];
+/// Emitters of Mitsuba that do not exist here.
+const ELSEWHERE: [&str; 7] = [
     "directionalarea",
     "sky",
     "sun",
@@ -39,6 +47,11 @@ impl Builder<'_, '_> {
             "spot" => {
                 let reason = "a spot light can be moved, rotated and mirrored only";
                 spot(&reader, to_world.insert(rotations(&reader, reason)?).at(at_rest))?
+            }
+            "projector" => {
+                let reason = "a projector can be moved, rotated and mirrored only";
+                let placed = to_world.insert(rotations(&reader, reason)?).at(at_rest);
+                self.projector(&reader, placed)?
             }
             "directional" => Light::Directional {
                 direction: direction(&reader, &mut to_world, at_rest)?,
@@ -87,6 +100,23 @@ impl Builder<'_, '_> {
             }
             None => Ok(()),
         }
+    }
+
+    fn projector(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
+        let scale = reader.float_or("scale", POSITIVE, 1.0)? as f32;
+        let image = self.colour_or_texture(reader, "irradiance", Role::EMISSION, 1.0)?;
+        let aspect = match &image {
+            Texture::Bitmap(bitmap, _) => bitmap.width as f32 / bitmap.height as f32,
+            Texture::Constant(_) | Texture::Checkerboard { .. } => 1.0,
+        };
+        let fov_x = horizontal_field_of_view(reader, aspect.into())? as f32;
+        Ok(Light::Projector {
+            to_world,
+            fov_x,
+            aspect,
+            image,
+            scale,
+        })
     }
 
     fn environment_map(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {

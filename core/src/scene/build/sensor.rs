@@ -276,7 +276,7 @@ fn shutter(reader: &Reader) -> Result<[f64; 2], SceneError> {
 }
 
 /// The horizontal field of view [radians] of `fov` and `fov_axis`, or of `focal_length` on 35 mm film.
-fn horizontal_field_of_view(reader: &Reader, aspect: f64) -> Result<f64, SceneError> {
+pub(super) fn horizontal_field_of_view(reader: &Reader, aspect: f64) -> Result<f64, SceneError> {
     #[derive(Clone, Copy)]
     enum Axis {
         X,

@@ -1,0 +1,107 @@
+//! A slide projector.
+
+use crate::geometry::Ray;
+use crate::math::{Frame, PI, Transform, Vec2, Vec3, tan};
+use crate::spectrum::Spectrum;
+use crate::texture::Texture;
+
+/// A point light that throws an image, as Mitsuba's `projector`: a white diffuse surface on the plane at distance 1 shows it.
+#[derive(Clone, Debug)]
+pub(super) struct Projector {
+    position: Vec3,
+    /// Its axis is +z, and the image's left and top lie along +x and +y.
+    frame: Frame,
+    /// Half the width and half the height of the image on that plane.
+    half_size: Vec2,
+    image: Texture,
+    /// Factor on the image.
+    scale: f32,
+}
+
+impl Projector {
+    /// `to_world` moves, turns and mirrors only; `fov_x` [radians] is the angle that the image's width is seen under, and `aspect` its
+    /// width over its height.
+    pub(super) fn new(to_world: &Transform, fov_x: f32, aspect: f32, image: Texture, scale: f32) -> Self {
+        let half_width = tan(0.5 * fov_x);
+        Self {
+            position: to_world.point(Vec3::ZERO),
+            frame: frame(to_world),
+            half_size: Vec2::new(half_width, half_width / aspect),
+            image,
+            scale,
+        }
+    }
+
+    /// The light where `to_world` puts it.
+    pub(super) fn moved(&self, to_world: &Transform) -> Self {
+        Self {
+            position: to_world.point(Vec3::ZERO),
+            frame: frame(to_world),
+            ..self.clone()
+        }
+    }
+
+    pub(super) fn position(&self) -> Vec3 {
+        self.position
+    }
+
+    /// Intensity [W/sr] along the unit vector `direction`. At an angle theta from the axis the plane is `1 / cos theta` away and
+    /// tilted by theta: its irradiance is the intensity times `cos^3 theta`.
+    pub(super) fn intensity(&self, direction: Vec3) -> Spectrum {
+        self.locate(direction)
+            .map_or(Spectrum::ZERO, |(uv, cos)| self.irradiance(uv) / (cos * cos * cos))
+    }
+
+    /// Solid-angle density of the directions of light paths [1/sr].
+    pub(super) fn pdf(&self, direction: Vec3) -> f32 {
+        self.locate(direction).map_or(0.0, |(_, cos)| self.pdf_at(cos))
+    }
+
+    /// A ray through a point uniform on the image, its intensity over the density of its direction, and that density [1/sr].
+    pub(super) fn emit(&self, u: Vec2) -> (Ray, Spectrum, f32) {
+        let local = ((Vec2::ONE - 2.0 * u) * self.half_size).extend(1.0).normalize();
+        let ray = Ray {
+            origin: self.position,
+            direction: self.frame.to_world(local).normalize(),
+            max_distance: f32::INFINITY,
+        };
+        (ray, self.irradiance(u) * self.area(), self.pdf_at(local.z))
+    }
+
+    /// Luminance of the power.
+    pub(super) fn power(&self) -> f32 {
+        PI * self.scale * self.image.mean().luminance() * self.area()
+    }
+
+    /// Where a direction meets the image, and its cosine with the axis; `None` beside the image.
+    fn locate(&self, direction: Vec3) -> Option<(Vec2, f32)> {
+        let local = self.frame.to_local(direction);
+        let at = local.truncate() / local.z / self.half_size;
+        let inside = local.z > 0.0 && at.abs().max_element() <= 1.0;
+        inside.then_some((0.5 * (Vec2::ONE - at), local.z))
+    }
+
+    /// Irradiance of the plane [W/unit^2]: that by which a white surface has the image's radiance.
+    fn irradiance(&self, uv: Vec2) -> Spectrum {
+        self.image.eval(uv) * (PI * self.scale)
+    }
+
+    /// Area of the image on the plane.
+    fn area(&self) -> f32 {
+        4.0 * self.half_size.x * self.half_size.y
+    }
+
+    fn pdf_at(&self, cos: f32) -> f32 {
+        1.0 / (self.area() * cos * cos * cos)
+    }
+}
+
+/// The directions of the axes; a mirrored frame stays mirrored.
+fn frame(to_world: &Transform) -> Frame {
+    let axis = |local: Vec3| to_world.vector(local).normalize();
+    Frame {
+        s: axis(Vec3::X),
+        t: axis(Vec3::Y),
+        n: axis(Vec3::Z),
+    }
+}
