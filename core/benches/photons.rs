@@ -9,11 +9,11 @@ mod scenes;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use photonfarm_core::density::{Point, PointMap};
 use photonfarm_core::integrator::{Unobserved, render_iteration};
-use photonfarm_core::map::{Reach, Record, RecordMap};
-use photonfarm_core::math::{PI, Vec2, Vec3};
+use photonfarm_core::math::{Vec2, Vec3};
 use photonfarm_core::random::{PathRandom, Sampling, Stream};
-use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings};
+use photonfarm_core::settings::{IntegratorSettings, PathSettings, PcfSettings, PppmSettings, VcmSettings};
 use photonfarm_core::spectrum::Spectrum;
 
 fn main() {
@@ -68,9 +68,9 @@ fn trace_light_paths(bencher: Bencher, threads: usize) {
     });
 }
 
-/// Records spread over the walls of a box of side 2.
-fn wall_records(count: u64) -> Vec<Vec<Record>> {
-    let record = |i: u64| {
+/// Points spread over the walls of a box of side 2, each with flux.
+fn wall_points(count: u64) -> Vec<Vec<Point<Spectrum>>> {
+    let point = |i: u64| {
         let mut random = PathRandom::new(3, 1, Stream::Light, i);
         let (axis, side) = (
             (random.next_1d() * 3.0) as usize,
@@ -78,54 +78,76 @@ fn wall_records(count: u64) -> Vec<Vec<Record>> {
         );
         let mut position = [2.0 * random.next_1d(), 2.0 * random.next_1d(), 2.0 * random.next_1d()];
         position[axis] = side;
-        let mut direction = Vec3::ZERO;
-        direction[axis] = 1.0 - side;
-        Record::new(Vec3::from_array(position), direction, direction, Spectrum::ONE, 1)
+        Point {
+            position: Vec3::from_array(position),
+            payload: Spectrum::ONE,
+        }
     };
     (0..count)
-        .map(record)
+        .map(point)
         .collect::<Vec<_>>()
         .chunks(8192)
         .map(<[_]>::to_vec)
         .collect()
 }
 
-/// A radius at which a query among a million wall records finds about two.
+/// A radius at which a query among a million wall points finds about two.
 const RADIUS: f32 = 0.004;
 
-/// Building the map; items are records.
+/// Building the map; items are points.
 #[divan::bench(args = THREADS, sample_count = 10)]
 fn build_map(bencher: Bencher, threads: usize) {
-    const RECORDS: u64 = 1_000_000;
-    let records = wall_records(RECORDS);
+    const POINTS: u64 = 1_000_000;
+    let points = wall_points(POINTS);
     bencher
-        .counter(ItemsCount::new(RECORDS))
-        .with_inputs(|| records.clone())
-        .bench_values(|records| on_pool(threads, || RecordMap::build(records, &Reach::new(RADIUS, PI), false)));
+        .counter(ItemsCount::new(POINTS))
+        .with_inputs(|| points.clone())
+        .bench_values(|points| on_pool(threads, || PointMap::build(points, RADIUS)));
 }
 
-/// Queries in random order that find about two records each, on one thread; items are queries.
+/// Queries in random order that find about two points each, on one thread; items are queries.
 #[divan::bench(sample_count = 10)]
 fn query_map(bencher: Bencher) {
     const QUERIES: u64 = 200_000;
-    let reach = Reach::new(RADIUS, PI);
-    let map = RecordMap::build(wall_records(1_000_000), &reach, false);
-    let centers: Vec<Vec3> = wall_records(QUERIES)
+    let map = PointMap::build(wall_points(1_000_000), RADIUS);
+    let centers: Vec<Vec3> = wall_points(QUERIES)
         .into_iter()
         .flatten()
-        .map(|r| r.position)
+        .map(|point| point.position)
         .collect();
     bencher.counter(ItemsCount::new(QUERIES)).bench(|| {
         let mut sum = Spectrum::ZERO;
         for center in &centers {
-            map.query(*center, &reach, |n| sum += n.weight());
+            map.query(*center, RADIUS, |flux| sum += *flux);
         }
         sum
     });
 }
 
+/// The same queries answered together, on one thread; items are queries.
+#[divan::bench(sample_count = 10)]
+fn query_map_together(bencher: Bencher) {
+    const QUERIES: u64 = 200_000;
+    let map = PointMap::build(wall_points(1_000_000), RADIUS);
+    let centers = wall_points(QUERIES);
+    bencher.counter(ItemsCount::new(QUERIES)).bench(|| {
+        on_pool(1, || {
+            map.answer(
+                &centers,
+                |point| (point.position, RADIUS),
+                || false,
+                |point, near| {
+                    let mut sum = Spectrum::ZERO;
+                    near.query(point.position, RADIUS, |flux| sum += *flux);
+                    sum
+                },
+            )
+        })
+    });
+}
+
 /// Whole iterations of the box with a mirror and a glass ball at 256 x 256 pixels on two threads; items are pixels.
-#[divan::bench(args = ["path", "pppm", "pcf"], sample_count = 5)]
+#[divan::bench(args = ["path", "pppm", "pcf", "vcm"], sample_count = 5)]
 fn iteration(bencher: Bencher, integrator: &str) {
     const RESOLUTION: u32 = 256;
     let scene = scenes::named("mirror-glass", RESOLUTION);
@@ -135,6 +157,7 @@ fn iteration(bencher: Bencher, integrator: &str) {
             ..Default::default()
         }),
         "pppm" => IntegratorSettings::Pppm(PppmSettings::default()),
+        "vcm" => IntegratorSettings::Vcm(VcmSettings::default()),
         _ => IntegratorSettings::Pcf(PcfSettings {
             samples: 1,
             ..Default::default()

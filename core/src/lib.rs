@@ -6,11 +6,11 @@
 
 #[cfg(test)]
 pub(crate) mod chi_square;
+pub mod density;
 pub mod film;
 pub mod geometry;
 pub mod integrator;
 pub mod light;
-pub mod map;
 pub mod material;
 pub mod math;
 mod motion;
@@ -18,7 +18,6 @@ mod path;
 pub mod picture;
 pub mod random;
 pub mod scene;
-pub mod schedule;
 pub mod sensor;
 pub mod settings;
 pub mod spectrum;

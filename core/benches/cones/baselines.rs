@@ -2,20 +2,20 @@
 
 use crate::{Found, Structure};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use photonfarm_core::map::{Reach, Record};
+use photonfarm_core::density::{Cone, Reach};
 use photonfarm_core::math::Vec3;
 use photonfarm_core::spectrum::Spectrum;
 
 /// A cone as the baselines keep it.
 #[derive(Clone, Copy)]
-struct Cone {
+struct StoredCone {
     position: Vec3,
     direction: Vec3,
     weight: Spectrum,
 }
 
-impl Cone {
-    fn new(record: &Record) -> Self {
+impl StoredCone {
+    fn new(record: &Cone) -> Self {
         Self {
             position: record.position,
             direction: record.direction(),
@@ -39,14 +39,14 @@ impl Cone {
 pub(crate) struct KdTree {
     /// Distances of the tree are rounded differently: it is asked for a little more, and every cone is tested.
     tree: ImmutableKdTree<f32, 3>,
-    cones: Vec<Cone>,
+    cones: Vec<StoredCone>,
 }
 
 impl Structure for KdTree {
     const NAME: &'static str = "kd-tree";
 
-    fn build(records: Vec<Vec<Record>>, _: &Reach) -> Self {
-        let cones: Vec<Cone> = records.iter().flatten().map(Cone::new).collect();
+    fn build(records: Vec<Vec<Cone>>, _: &Reach) -> Self {
+        let cones: Vec<StoredCone> = records.iter().flatten().map(StoredCone::new).collect();
         let positions: Vec<[f32; 3]> = cones.iter().map(|cone| cone.position.to_array()).collect();
         Self {
             tree: ImmutableKdTree::new_from_slice(&positions).expect("finite positions"),
@@ -56,7 +56,7 @@ impl Structure for KdTree {
 
     /// Inner nodes, some hundredths of this, are left out.
     fn bytes(&self) -> usize {
-        self.cones.len() * (size_of::<Cone>() + size_of::<[f32; 3]>() + size_of::<u32>())
+        self.cones.len() * (size_of::<StoredCone>() + size_of::<[f32; 3]>() + size_of::<u32>())
     }
 
     fn run(&self, queries: &[(Vec3, Vec3)], reach: &Reach, found: &mut Vec<Found>) {
@@ -75,12 +75,12 @@ impl Structure for KdTree {
     }
 }
 
-/// Cones sorted by hashed cell; cells are two radii wide, so that a query looks at eight.
+/// StoredCones sorted by hashed cell; cells are two radii wide, so that a query looks at eight.
 pub(crate) struct Grid {
     cells_per_unit: f32,
     /// `starts[b]..starts[b + 1]` are the cones of bucket `b`.
     starts: Vec<u32>,
-    cones: Vec<Cone>,
+    cones: Vec<StoredCone>,
 }
 
 impl Grid {
@@ -98,7 +98,7 @@ impl Grid {
 impl Structure for Grid {
     const NAME: &'static str = "grid";
 
-    fn build(records: Vec<Vec<Record>>, reach: &Reach) -> Self {
+    fn build(records: Vec<Vec<Cone>>, reach: &Reach) -> Self {
         let total: usize = records.iter().map(Vec::len).sum();
         let mut grid = Self {
             cells_per_unit: 0.5 / reach.radius(),
@@ -122,7 +122,7 @@ impl Structure for Grid {
             order[next[bucket] as usize] = index;
             next[bucket] += 1;
         }
-        let cones: Vec<Cone> = records.iter().flatten().map(Cone::new).collect();
+        let cones: Vec<StoredCone> = records.iter().flatten().map(StoredCone::new).collect();
         grid.cones = order.into_iter().map(|index| cones[index]).collect();
         grid
     }

@@ -14,9 +14,9 @@ mod baselines;
 mod scenes;
 
 use baselines::{Grid, KdTree};
+use photonfarm_core::density::{Candidates, Cone, ConeMap, QueryCell, Reach};
 use photonfarm_core::integrator::pcf::workload::Workload;
 use photonfarm_core::integrator::{Observer, Phase, render_iteration};
-use photonfarm_core::map::{Candidates, Place, Reach, Record, RecordMap};
 use photonfarm_core::math::Vec3;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PcfSettings};
@@ -53,17 +53,17 @@ trait Structure: Sized {
     /// Its name in the table.
     const NAME: &'static str;
     /// Builds it on the current rayon pool, for queries that reach as far as `reach`.
-    fn build(records: Vec<Vec<Record>>, reach: &Reach) -> Self;
+    fn build(records: Vec<Vec<Cone>>, reach: &Reach) -> Self;
     /// Memory that it keeps [bytes].
     fn bytes(&self) -> usize;
     /// Answers `queries`, in their order.
     fn run(&self, queries: &[(Vec3, Vec3)], reach: &Reach, found: &mut Vec<Found>);
 }
 
-impl Structure for RecordMap {
+impl Structure for ConeMap {
     const NAME: &'static str = "ours";
 
-    fn build(records: Vec<Vec<Record>>, reach: &Reach) -> Self {
+    fn build(records: Vec<Vec<Cone>>, reach: &Reach) -> Self {
         Self::build(records, reach, false)
     }
 
@@ -72,8 +72,8 @@ impl Structure for RecordMap {
     }
 
     fn run(&self, queries: &[(Vec3, Vec3)], reach: &Reach, found: &mut Vec<Found>) {
-        let place = |&(center, direction): &(Vec3, Vec3)| Place::new(center, direction, reach);
-        let mut order: Vec<(Place, usize)> = queries.iter().map(place).zip(0..).collect();
+        let cell = |&(center, direction): &(Vec3, Vec3)| QueryCell::new(center, direction, reach);
+        let mut order: Vec<(QueryCell, usize)> = queries.iter().map(cell).zip(0..).collect();
         order.sort_unstable();
         found.resize(queries.len(), Found::default());
         let mut candidates = Candidates::new(self);
@@ -112,7 +112,7 @@ struct Row {
 }
 
 /// Measures a structure on the calling thread and a pool of one.
-fn measure<S: Structure>(cones: &str, records: &[Vec<Record>], queries: &[(Vec3, Vec3)], reach: &Reach) -> Row {
+fn measure<S: Structure>(cones: &str, records: &[Vec<Cone>], queries: &[(Vec3, Vec3)], reach: &Reach) -> Row {
     let count: usize = records.iter().map(Vec::len).sum();
     let input = records.to_vec();
     let start = thread_seconds();
@@ -183,8 +183,8 @@ fn compare(name: &str, scene: &Scene, settings: &PcfSettings, iteration: u32) {
         measure::<KdTree>("all cones", &work.cones, queries, &reach),
         measure::<KdTree>("culled", &work.stored, queries, &reach),
         measure::<Grid>("culled", &work.stored, queries, &reach),
-        measure::<RecordMap>("all cones", &work.cones, queries, &reach),
-        measure::<RecordMap>("culled", &work.stored, queries, &reach),
+        measure::<ConeMap>("all cones", &work.cones, queries, &reach),
+        measure::<ConeMap>("culled", &work.stored, queries, &reach),
     ];
     println!(
         "| structure | cones | queries [1/s] | over the kd-tree of all | read per counted | bytes per cone | build [s] |"

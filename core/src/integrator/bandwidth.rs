@@ -1,12 +1,12 @@
 //! How wide the kernels of an iteration are.
 
 use super::GLOSSY_ROUGHNESS;
+use crate::density::schedule;
 use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::path::{Tracer, Vertex};
 use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
-use crate::schedule;
 use crate::settings::IntegratorSettings;
 
 /// Kernel sizes of an iteration.

@@ -47,6 +47,11 @@ pub(super) trait Estimator {
         None
     }
 
+    /// Why the settings themselves may leave a lit scene black, in a sentence without a full stop.
+    fn why_black(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Renders an iteration. `before`: what the iteration before left, empty for the first one and where the integrator is
     /// not sequential.
     fn render(&self, job: &Job, before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError>;
@@ -136,6 +141,12 @@ impl IntegratorSettings {
     #[must_use]
     pub fn sampling(&self) -> Sampling {
         self.estimator().sampling()
+    }
+
+    /// Why the settings themselves may leave a lit scene black, in a sentence without a full stop.
+    #[must_use]
+    pub fn why_black(&self) -> Option<&'static str> {
+        self.estimator().why_black()
     }
 
     /// Most edges of a light path, camera to light; `None`: no limit.

@@ -2,7 +2,6 @@
 
 use super::{Counts, Observer, RenderError};
 use crate::light::EmissionSample;
-use crate::map::Record;
 use crate::path::{Scattered, Tracer, Vertex, Walk};
 use crate::random::{PathRandom, Sequence};
 use crate::scene::Scene;
@@ -73,31 +72,36 @@ impl LightPaths {
     }
 
     /// Traces the paths; `store` puts the records of each arrival into the chunk's list. Chunks come back in the order of paths.
-    pub(super) fn trace(
+    pub(super) fn trace<R: Send>(
         &self,
         scene: &Scene,
         observer: &dyn Observer,
         counts: &mut Counts,
-        store: impl Fn(&Arrival, &mut Vec<Record>) + Sync,
-    ) -> Result<Vec<Vec<Record>>, RenderError> {
-        let chunks = self.trace_with(scene, observer, counts, |tracer, path, start, random, records| {
-            let Some(start) = start else { return };
-            let mut walk = Walk::from_light(&start);
-            while walk.edges < self.max_edges {
-                let Some(point) = walk.advance(tracer) else { return };
-                let vertex = walk.arrive(scene, point);
-                let scattered = vertex.sample(random);
-                let arrival = Arrival {
-                    vertex: &vertex,
-                    path,
-                    scattered: scattered.as_ref(),
-                };
-                store(&arrival, records);
-                if !scattered.is_some_and(|scattered| walk.go_on(&vertex, &scattered, random)) {
-                    return;
+        store: impl Fn(&Arrival, &mut Vec<R>) + Sync,
+    ) -> Result<Vec<Vec<R>>, RenderError> {
+        let chunks = self.trace_with(
+            scene,
+            observer,
+            counts,
+            |tracer, path, start, random, records: &mut Vec<R>| {
+                let Some(start) = start else { return };
+                let mut walk = Walk::from_light(&start);
+                while walk.edges < self.max_edges {
+                    let Some(point) = walk.advance(tracer) else { return };
+                    let vertex = walk.arrive(scene, point);
+                    let scattered = vertex.sample(random);
+                    let arrival = Arrival {
+                        vertex: &vertex,
+                        path,
+                        scattered: scattered.as_ref(),
+                    };
+                    store(&arrival, records);
+                    if !scattered.is_some_and(|scattered| walk.go_on(&vertex, &scattered, random)) {
+                        return;
+                    }
                 }
-            }
-        })?;
+            },
+        )?;
         counts.records_stored += chunks.iter().map(|records| records.len() as u64).sum::<u64>();
         Ok(chunks)
     }

@@ -116,7 +116,7 @@ pub enum Phase {
     TraceLight,
     /// Sorting records into the map.
     BuildMap,
-    /// Tracing paths from the camera; with `pppm` they read the map as they go.
+    /// Tracing paths from the camera.
     TraceCamera,
     /// Adding up the records that camera paths want.
     ReadMap,
@@ -210,6 +210,10 @@ struct Batches {
     light_paths: u32,
     /// Camera paths whose queries `pcf` holds.
     camera_paths: usize,
+    /// Camera paths whose vertices, of some 350 bytes each, are held by integrators that evaluate materials when they read a map.
+    vertices: usize,
+    /// The same where several maps are read, for each of which light paths are traced.
+    vertices_of_batches: usize,
 }
 
 impl Default for Batches {
@@ -217,6 +221,8 @@ impl Default for Batches {
         Self {
             light_paths: 1 << 20,
             camera_paths: 1 << 22,
+            vertices: 1 << 16,
+            vertices_of_batches: 1 << 20,
         }
     }
 }
@@ -230,6 +236,15 @@ impl Batches {
 }
 
 impl Job<'_> {
+    /// Splits the pixels into ranges of `camera_paths` paths at most where a pixel has `samples`, or else of one pixel.
+    fn passes(&self, camera_paths: usize, samples: u32) -> impl Iterator<Item = Range<usize>> + use<> {
+        let total = self.pixel_count();
+        let size = (camera_paths / samples as usize).max(1);
+        (0..total)
+            .step_by(size)
+            .map(move |first| first..total.min(first.saturating_add(size)))
+    }
+
     fn pixel_count(&self) -> usize {
         let [width, height] = self.scene.film.resolution;
         width as usize * height as usize
@@ -312,15 +327,14 @@ fn edge_limit(max_depth: Option<u32>) -> u32 {
     max_depth.unwrap_or(u32::MAX)
 }
 
-/// Pixels that one task traces.
-const PIXELS_PER_TASK: usize = 256;
+/// Camera paths that one task traces, but for those of one pixel.
+const PATHS_PER_TASK: usize = 256;
 
 /// A camera path about to be traced.
 struct Sample<'a, 't> {
     tracer: &'t mut Tracer<'a>,
     ray: Ray,
     random: &'t mut PathRandom,
-    counts: &'t mut Counts,
     /// Index of its pixel, row by row from the top left.
     pixel: usize,
     /// Its number among the camera paths of the pixel, from 0.
@@ -340,17 +354,18 @@ fn trace_pixels<'a, T: Send>(
     let (sensor, film) = (&job.scene.sensor, &job.scene.film);
     let width = film.resolution[0] as usize;
     let mut sums = vec![Spectrum::ZERO; pixels.len()];
-    let tasks: Vec<(Vec<T>, Counts)> = sums
-        .par_chunks_mut(PIXELS_PER_TASK)
+    let pixels_per_task = (PATHS_PER_TASK / samples as usize).max(1);
+    let tasks: Vec<(Vec<T>, u64)> = sums
+        .par_chunks_mut(pixels_per_task)
         .enumerate()
         .map(|(task, sums)| {
             if observer.cancelled() {
                 return Err(RenderError::Cancelled);
             }
             let mut tracer = Tracer::new(job.scene);
-            let (mut list, mut counts) = (Vec::new(), Counts::default());
+            let mut list = Vec::new();
             for (offset, sum) in sums.iter_mut().enumerate() {
-                let pixel = pixels.start + task * PIXELS_PER_TASK + offset;
+                let pixel = pixels.start + task * pixels_per_task + offset;
                 let centre = Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
                 let sequence = job
                     .sampling
@@ -362,20 +377,18 @@ fn trace_pixels<'a, T: Send>(
                         tracer: &mut tracer,
                         ray,
                         random: &mut random,
-                        counts: &mut counts,
                         pixel,
                         index,
                     };
                     *sum += estimate(sample, &mut list);
                 }
             }
-            counts.rays += tracer.rays;
-            Ok((list, counts))
+            Ok((list, tracer.rays))
         })
         .collect::<Result<_, _>>()?;
     let mut lists = Vec::with_capacity(tasks.len());
-    for (list, task_counts) in tasks {
-        *counts += task_counts;
+    for (list, rays) in tasks {
+        counts.rays += rays;
         lists.push(list);
     }
     Ok((sums, lists))

@@ -1,7 +1,7 @@
 //! Vertices on surfaces.
 
+use crate::density::Cone;
 use crate::geometry::SurfacePoint;
-use crate::map::Record;
 use crate::material::{Bsdf, BsdfSample, TransportMode};
 use crate::math::Vec3;
 use crate::random::PathRandom;
@@ -153,9 +153,9 @@ impl Vertex {
         scattered.weight() * (self.cos_geometric(scattered.wi) / scattered.cos_shading)
     }
 
-    /// A record at this vertex.
-    pub(crate) fn record(&self, direction: Vec3, weight: Spectrum) -> Record {
-        Record::new(
+    /// A cone at this vertex.
+    pub(crate) fn cone(&self, direction: Vec3, weight: Spectrum) -> Cone {
+        Cone::new(
             self.point.position,
             self.point.geometric_normal,
             direction,

@@ -43,6 +43,9 @@ impl Scene {
         if settings.max_depth() == Some(1) {
             return "`max_depth` is 1, so that nothing but lights themselves is seen".into();
         }
+        if let Some(reason) = settings.why_black() {
+            return reason.into();
+        }
         if seen.backs == seen.surfaces {
             return "the camera sees only the backs of materials with one side, which are black: put them into \
                     <bsdf type=\"twosided\">, or turn the shapes by `flip_normals`"

@@ -8,7 +8,9 @@ use crate::math::warp::square_to_sphere;
 use crate::math::{DVec2, Vec2, Vec3};
 use crate::random::{PathRandom, Stream};
 use crate::sensor::{Projection, Sensor};
-use crate::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings};
+use crate::settings::{
+    BdptSettings, DirectionSampler, IntegratorSettings, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+};
 use std::collections::BTreeMap;
 
 const LIGHT: &str = "<emitter type='constant'/>\n";
@@ -361,6 +363,13 @@ fn a_black_picture_has_a_reason() {
         "{}",
         why(&behind, None)
     );
+    let lens_alone = IntegratorSettings::Bdpt(BdptSettings {
+        light_vertices: Some(1),
+        camera_vertices: Some(1),
+        ..Default::default()
+    });
+    let reason = load(&room("0 1 0", "", point), None).unwrap().why_black(&lens_alone);
+    assert!(reason.starts_with("`light_vertices` and `camera_vertices`"), "{reason}");
     let black = "<bsdf type='diffuse'><rgb name='reflectance' value='0'/></bsdf>";
     assert!(why(&room("0 1 0", black, point), None).starts_with("what the camera sees is lit"));
 }

@@ -95,6 +95,13 @@ impl Estimator for BdptSettings {
         self.max_depth
     }
 
+    fn why_black(&self) -> Option<&'static str> {
+        let some_alone = self.light_vertices.is_some() || self.camera_vertices.is_some();
+        some_alone.then_some(
+            "`light_vertices` and `camera_vertices` show what some techniques find, and these find nothing here: `all` shows what all do",
+        )
+    }
+
     fn render(&self, job: &Job, _before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError> {
         super::render(job, self, observer)
     }

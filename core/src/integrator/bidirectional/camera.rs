@@ -1,34 +1,35 @@
 //! Camera subpaths: what they find, and what they are connected and merged with.
 
-use super::light::{LightPaths, LightVertex, MergePayload};
+use super::light::{LightPaths, LightVertex};
+use super::merge::MergeQuery;
 use super::{Estimator, Spectrum};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
-use crate::map::{Reach, RecordMap, count_edges};
-use crate::math::{DVec2, FRAC_1_PI, PI, sqr};
+use crate::math::{DVec2, FRAC_1_PI, sqr};
 use crate::path::{Partial, Towards, Tracer, Vertex, Walk};
 
 /// The end of a camera subpath.
-struct End {
-    vertex: Vertex,
-    partial: Partial,
+#[derive(Clone, Copy)]
+pub(super) struct End {
+    pub(super) vertex: Vertex,
+    pub(super) partial: Partial,
 }
 
 impl<'a> Estimator<'a> {
-    /// Estimates the radiance along a camera ray.
+    /// Estimates the radiance along a camera ray but for merges, which it asks for in `merges`.
     pub(super) fn radiance(
         &self,
         sample: Sample<'a, '_>,
         light: &LightPaths,
-        map: Option<&RecordMap<MergePayload>>,
+        merges: &mut Vec<MergeQuery>,
     ) -> Spectrum {
         let Sample {
             tracer,
             ray,
             random,
-            counts,
             pixel,
             index,
+            ..
         } = sample;
         let sensor = tracer.scene.sensor.pdf_we(&ray);
         let camera_path = pixel as u64 * u64::from(self.plan.samples) + u64::from(index);
@@ -73,11 +74,11 @@ impl<'a> Estimator<'a> {
                         total += vertex.beta * self.connect(tracer, &end, other);
                     }
                 }
-                if let (Some(map), Some(reach)) = (map, &self.reach) {
-                    let (sum, read, counted) = self.merge(&end, map, reach);
-                    total += vertex.beta * sum;
-                    counts.records_read += read;
-                    counts.records_counted += counted;
+                if self.merge_radius.is_some() {
+                    merges.push(MergeQuery {
+                        end,
+                        pixel: pixel as u32,
+                    });
                 }
             }
             let Some(scattered) = vertex.sample(random) else {
@@ -180,31 +181,5 @@ impl<'a> Estimator<'a> {
             return value;
         }
         value * tracer.transmittance(&camera.point.shadow_ray(wi, distance))
-    }
-
-    /// Merges the end of a camera path with all light paths that end near it; also how many records were read and counted.
-    fn merge(&self, end: &End, map: &RecordMap<MergePayload>, reach: &Reach) -> (Spectrum, u64, u64) {
-        let vertex = &end.vertex;
-        let reach = reach.at(vertex.point.position);
-        let limit = count_edges(self.plan.max_edges - vertex.edges);
-        let camera_edge = self.camera_edges.of(end.vertex.edges);
-        let (mut sum, mut counted) = (Spectrum::ZERO, 0);
-        let read = map.query(vertex.point.position, &reach, |photon| {
-            if photon.edges() > limit {
-                return;
-            }
-            let Towards { f, pdf, pdf_rev } = vertex.towards(photon.direction());
-            if f.is_black() {
-                return;
-            }
-            counted += 1;
-            let MergePayload { edge, before } = photon.payload();
-            let light = Partial { edge, before };
-            let others =
-                light.over_merge(pdf, 1.0, self.merges) + end.partial.over_merge(pdf_rev, camera_edge, self.merges);
-            sum += f * photon.weight() * self.share(others);
-        });
-        let paths = self.plan.light_paths as f32;
-        (sum * (1.0 / (paths * PI * sqr(reach.radius()))), read, counted)
     }
 }

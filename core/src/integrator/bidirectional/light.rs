@@ -1,9 +1,10 @@
 //! Light subpaths: their vertices, which camera paths are connected and merged with, and what they give to pixels themselves.
 
+use super::merge::MergePayload;
 use super::{Counts, Estimator, Observer, RenderError, Splat};
+use crate::density::{Point, count_edges};
 use crate::integrator::light_paths::{self, CHUNK};
 use crate::light::{EmissionSample, Origin};
-use crate::map::Record;
 use crate::math::sqr;
 use crate::path::{Partial, Towards, Tracer, Vertex, Walk};
 use crate::random::{PathRandom, Stream};
@@ -17,13 +18,6 @@ pub(super) struct LightVertex {
     pub(super) partial: Partial,
 }
 
-/// What a merge needs to know of a light path besides its record: its sums, the first with how often the edge is connected.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct MergePayload {
-    pub(super) edge: f32,
-    pub(super) before: f32,
-}
-
 /// The light paths of an iteration, in chunks of [`CHUNK`].
 pub(super) struct LightPaths {
     chunks: Vec<Chunk>,
@@ -34,7 +28,7 @@ pub(super) struct Chunk {
     vertices: Vec<LightVertex>,
     /// For each path, where its vertices end.
     ends: Vec<u32>,
-    records: Vec<Record<MergePayload>>,
+    merge_points: Vec<Point<MergePayload>>,
     splats: Vec<Splat>,
 }
 
@@ -54,10 +48,10 @@ impl LightPaths {
         &chunk.vertices[start as usize..chunk.ends[index] as usize]
     }
 
-    pub(super) fn take_records(&mut self) -> Vec<Vec<Record<MergePayload>>> {
+    pub(super) fn take_merge_points(&mut self) -> Vec<Vec<Point<MergePayload>>> {
         self.chunks
             .iter_mut()
-            .map(|chunk| std::mem::take(&mut chunk.records))
+            .map(|chunk| std::mem::take(&mut chunk.merge_points))
             .collect()
     }
 
@@ -129,12 +123,18 @@ impl Estimator<'_> {
             if !vertex.is_delta() {
                 let end = LightVertex { vertex, partial };
                 self.connect_with_lens(tracer, &end, &mut self.lens_random(path, edges), out);
-                if self.reach.is_some() {
+                if self.merge_radius.is_some() {
                     let payload = MergePayload {
+                        wi: vertex.wo,
+                        flux: vertex.beta,
+                        edges: count_edges(edges),
                         edge: partial.edge * self.light_edges.of(edges),
                         before: partial.before,
                     };
-                    out.records.push(vertex.record(vertex.wo, vertex.beta).with(payload));
+                    out.merge_points.push(Point {
+                        position: point.position,
+                        payload,
+                    });
                 }
                 if self.plan.techniques.connect {
                     out.vertices.push(end);

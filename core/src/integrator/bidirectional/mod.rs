@@ -12,11 +12,12 @@
 
 mod camera;
 mod light;
+mod merge;
 #[cfg(test)]
 mod tests;
 
-use super::{Counts, Iteration, Job, Observer, Phase, RenderError, render_pixels};
-use crate::map::{Reach, RecordMap};
+use super::{Counts, Iteration, Job, Observer, Phase, RenderError, trace_pixels};
+use crate::density::PointMap;
 use crate::math::{PI, sqr};
 use crate::path::{Edges, Partial, Scattered, Vertex};
 use crate::settings::shared::PHOTONS;
@@ -96,8 +97,8 @@ pub(super) struct Plan {
 struct Estimator<'a> {
     job: &'a Job<'a>,
     plan: Plan,
-    /// How far merging reaches; `None` without it.
-    reach: Option<Reach>,
+    /// Radius within which paths are merged; `None` where they are not [scene units].
+    merge_radius: Option<f32>,
     /// Expected number of light paths merged with a vertex per unit of their density, `M pi r^2`; 0 without merging. The factor of a merge's
     /// density over that of a connection (Georgiev et al. 2012, equation 10, times the number of light paths).
     merges: f32,
@@ -123,13 +124,38 @@ pub(super) fn render(job: &Job, plan: Plan, observer: &dyn Observer) -> Result<I
 
     observer.phase(Phase::BuildMap);
     let map = estimator
-        .reach
-        .map(|reach| RecordMap::build(light.take_records(), &reach, false));
+        .merge_radius
+        .map(|radius| (PointMap::build(light.take_merge_points(), radius), radius));
 
-    observer.phase(Phase::TraceCamera);
-    let mut pixels = render_pixels(job, plan.samples, observer, &mut counts, |sample| {
-        estimator.radiance(sample, &light, map.as_ref())
-    })?;
+    let held = if map.is_some() {
+        job.batches.vertices
+    } else {
+        usize::MAX
+    };
+    let mut pixels = Vec::with_capacity(job.pixel_count());
+    for pass in job.passes(held, plan.samples) {
+        observer.phase(Phase::TraceCamera);
+        let (mut sums, merges) = trace_pixels(
+            job,
+            plan.samples,
+            pass.clone(),
+            observer,
+            &mut counts,
+            |sample, merges| estimator.radiance(sample, &light, merges),
+        )?;
+        if let Some((map, radius)) = &map {
+            observer.phase(Phase::ReadMap);
+            for merged in estimator.merge(&merges, map, *radius, observer)?.iter().flatten() {
+                sums[merged.pixel as usize - pass.start] += merged.value;
+                counts.records_read += merged.read;
+                counts.records_counted += merged.counted;
+            }
+        }
+        pixels.extend(sums);
+    }
+    for pixel in &mut pixels {
+        *pixel *= 1.0 / plan.samples as f32;
+    }
     // In the order of paths, whatever the number of threads.
     for splat in light.splats() {
         pixels[splat.pixel as usize] += splat.value * (1.0 / plan.light_paths as f32);
@@ -151,12 +177,12 @@ impl<'a> Estimator<'a> {
             ..
         } = plan.techniques;
         let used = |technique: bool| f32::from(u8::from(technique));
-        let reach = plan.radius.filter(|_| merge).map(|radius| Reach::new(radius, PI));
+        let merge_radius = plan.radius.filter(|_| merge);
         Self {
             job,
             plan,
-            reach,
-            merges: reach.map_or(0.0, |reach| plan.light_paths as f32 * PI * sqr(reach.radius())),
+            merge_radius,
+            merges: merge_radius.map_or(0.0, |radius| plan.light_paths as f32 * PI * sqr(radius)),
             light_edges: Edges {
                 first: used(next_event),
                 others: used(connect),

@@ -82,22 +82,24 @@ fn paths_replayed_from_recorded_numbers_have_the_same_bits() {
     for sampling in [Sampling::Sobol, Sampling::Independent] {
         let job = job(&scene, sampling);
         let estimator = Estimator::new(&job, plan(Techniques::ALL, None));
-        let mut light = estimator.trace_light(&Unobserved, &mut Counts::default()).unwrap();
-        let reach = estimator.reach.unwrap();
-        let map = RecordMap::build(light.take_records(), &reach, false);
+        let light = estimator.trace_light(&Unobserved, &mut Counts::default()).unwrap();
         let camera = |pixel: usize, random: &mut PathRandom| {
             let place = Vec2::new((pixel % 16) as f32, (pixel / 16) as f32) + random.next_2d();
-            let mut tracer = Tracer::new(&scene);
+            let (mut tracer, mut merges) = (Tracer::new(&scene), Vec::new());
             let sample = Sample {
                 tracer: &mut tracer,
                 ray: scene.sensor.ray(place, random.next_2d()),
                 random,
-                counts: &mut Counts::default(),
                 pixel,
                 index: 1,
             };
-            let radiance = estimator.radiance(sample, &light, Some(&map));
-            (radiance.to_rgb().map(f32::to_bits), tracer.rays)
+            let radiance = estimator.radiance(sample, &light, &mut merges);
+            let carried = merges.iter().map(|query| query.end.vertex.beta);
+            let spectra: Vec<_> = [radiance].into_iter().chain(carried).collect();
+            (
+                spectra.iter().map(|s| s.to_rgb().map(f32::to_bits)).collect::<Vec<_>>(),
+                tracer.rays,
+            )
         };
         let light_path = |path: u32, random: &mut PathRandom| {
             let mut tracer = Tracer::new(&scene);

@@ -3,9 +3,9 @@
 use super::camera_lobe::{CameraLobe, LobeAt};
 use super::importons::{DEFENSIVE, Importons, Mixture};
 use super::query::is_automatic_lookup;
+use crate::density::{Cone, Occupancy};
 use crate::integrator::light_paths::Arrival;
 use crate::integrator::{Bandwidth, Job};
-use crate::map::{Occupancy, Record};
 use crate::math::{Vec3, pow, sqr};
 use crate::path::Vertex;
 use crate::random::{PathRandom, Stream};
@@ -88,7 +88,7 @@ impl<'a> ConeSampler<'a> {
 
     /// Stores the cones of a light path's arrival: one from each sampler, weighted so that together they count once. Those that
     /// `occupancy` rules out are left out.
-    pub(super) fn store(&self, arrival: &Arrival, occupancy: Option<&Occupancy>, records: &mut Vec<Record>) {
+    pub(super) fn store(&self, arrival: &Arrival, occupancy: Option<&Occupancy>, records: &mut Vec<Cone>) {
         let vertex = arrival.vertex;
         let position = vertex.point.position;
         if occupancy.is_some_and(|o| !o.may_count_at(position)) {
@@ -97,7 +97,7 @@ impl<'a> ConeSampler<'a> {
         let wanted = |direction: Vec3| occupancy.is_none_or(|o| o.may_count(position, direction));
         let mut push = |direction: Vec3, weight: Spectrum| {
             if !weight.is_black() {
-                records.push(vertex.record(direction, weight));
+                records.push(vertex.cone(direction, weight));
             }
         };
         let walked = |vertex| self.lookup == LookupVertex::Auto && is_automatic_lookup(vertex);

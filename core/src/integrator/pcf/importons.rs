@@ -3,13 +3,13 @@
 //! The queries of the iteration are the importons. Their density guides cones without changing what is estimated: given the
 //! camera paths, cones are sampled with a known density, and each query's sum keeps its mean.
 
-use super::query::{Queries, Query, Surface};
+use super::queries::Queries;
+use super::query::{Query, Surface};
+use crate::density::{Point, PointMap};
 use crate::integrator::Bandwidth;
-use crate::map::{Reach, Record, RecordMap};
 use crate::math::warp::{Cone, square_to_sphere};
 use crate::math::{PI, Vec2, Vec3};
 use crate::settings::{DirectionSampler, PcfSettings};
-use crate::spectrum::Spectrum;
 
 /// Importons that a mixture holds on average, at most about.
 const NEIGHBOURS: f32 = 16.0;
@@ -27,10 +27,19 @@ pub(super) const DEFENSIVE: f32 = 0.1;
 /// Widening of the lobes against the rounding of stored directions [radians].
 const ROUNDING: f32 = 1.5e-4;
 
+/// An importon, as the map keeps it.
+#[derive(Clone, Copy, Default)]
+struct Importon {
+    /// Unit direction of the radiance that is wanted.
+    direction: Vec3,
+    /// Luminance of the share that the camera path carries to its pixel.
+    importance: f32,
+}
+
 /// The importon map of an iteration.
 pub(super) struct Importons {
-    map: RecordMap,
-    reach: Reach,
+    map: PointMap<Importon>,
+    radius: f32,
     /// The directions of a lobe.
     cone: Cone,
 }
@@ -48,10 +57,15 @@ impl Importons {
             query.camera_edges >= first_edges && query.surface != Surface::Delta && query.throughput.luminance() > 0.0
         };
         let count = queries.iter().filter(is_importon).count();
-        let every =
-            |stride: usize| -> Vec<Record> { queries.iter().filter(is_importon).step_by(stride).map(record).collect() };
-        let reach = Reach::new(bandwidth.sigma, PI);
-        let map_of = |importons| RecordMap::build(vec![importons], &reach, false);
+        let every = |stride: usize| -> Vec<_> {
+            queries
+                .iter()
+                .filter(is_importon)
+                .step_by(stride)
+                .map(importon)
+                .collect()
+        };
+        let map_of = |importons| PointMap::build(vec![importons], bandwidth.sigma);
         let pilot_stride = count.div_ceil(PILOT).max(1);
         let pilot = map_of(every(pilot_stride));
         let crowd = mean_neighbours(
@@ -60,7 +74,7 @@ impl Importons {
                 .iter()
                 .filter(is_importon)
                 .step_by(count.div_ceil(PROBES).max(1)),
-            &reach,
+            bandwidth.sigma,
         );
         let stride = ((pilot_stride as f32 * crowd / NEIGHBOURS).ceil() as usize).max(1);
         Some(Self {
@@ -69,7 +83,7 @@ impl Importons {
             } else {
                 map_of(every(stride))
             },
-            reach,
+            radius: bandwidth.sigma,
             cone: Cone::of_angle((bandwidth.theta + ROUNDING).min(PI)),
         })
     }
@@ -80,30 +94,29 @@ impl Importons {
             lobes: Vec::new(),
             cone: self.cone,
         };
-        self.map.query(position, &self.reach, |importon| {
-            mixture.add(importon.direction(), importon.weight()[0]);
+        self.map.query(position, self.radius, |importon| {
+            mixture.add(importon.direction, importon.importance);
         });
         mixture
     }
 }
 
-fn record(query: &Query) -> Record {
-    let importance = Spectrum::splat(query.throughput.luminance());
-    Record::new(
-        query.position,
-        query.normal,
-        query.direction,
-        importance,
-        query.camera_edges,
-    )
+fn importon(query: &Query) -> Point<Importon> {
+    Point {
+        position: query.position,
+        payload: Importon {
+            direction: query.direction,
+            importance: query.throughput.luminance(),
+        },
+    }
 }
 
 /// Mean number of importons in reach of a probe.
-fn mean_neighbours<'q>(importons: &RecordMap, probes: impl Iterator<Item = &'q Query>, reach: &Reach) -> f32 {
+fn mean_neighbours<'q>(importons: &PointMap<Importon>, probes: impl Iterator<Item = &'q Query>, radius: f32) -> f32 {
     let (mut places, mut found) = (0, 0);
     for probe in probes {
         places += 1;
-        importons.query(probe.position, reach, |_| found += 1);
+        importons.query(probe.position, radius, |_| found += 1);
     }
     found as f32 / (places as f32).max(1.0)
 }

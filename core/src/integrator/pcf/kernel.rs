@@ -1,12 +1,11 @@
 //! Kernels: how much a cone counts for a query.
 
+use super::query::{Query, Surface};
+use crate::density::{Candidate, Candidates, LEAST_ANGLE, Reach};
 use crate::integrator::Bandwidth;
-use crate::map::{Candidate, Candidates, LEAST_ANGLE, Reach};
 use crate::math::{PI, TAU, Vec3, sqr, warp::one_minus_cos};
 use crate::settings::{KernelShape, PcfSettings};
 use crate::spectrum::Spectrum;
-
-use super::query::{Query, Surface};
 
 /// The kernel of an iteration (thesis, section 3.1): a function of the distance and of the angle that integrates to one over
 /// a disc and a cone.
@@ -162,18 +161,18 @@ fn on_same_surface(cone: &Candidate, query: &Query, radius: f32) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::{Record, RecordMap};
+    use crate::density::{Cone, ConeMap};
     use crate::math::warp::square_to_sphere;
     use crate::random::{PathRandom, Stream};
 
     /// Records spread evenly over a square and over all directions, of light paths of one and two edges in turn.
-    fn evenly(count: u64, half: f32) -> Vec<Record> {
+    fn evenly(count: u64, half: f32) -> Vec<Cone> {
         (0..count)
             .map(|i| {
                 let mut random = PathRandom::new(5, 1, Stream::Light, i);
                 let place = (2.0 * random.next_2d() - 1.0) * half;
                 let direction = square_to_sphere(random.next_2d());
-                Record::new(place.extend(0.0), Vec3::Z, direction, Spectrum::ONE, 1 + (i % 2) as u32)
+                Cone::new(place.extend(0.0), Vec3::Z, direction, Spectrum::ONE, 1 + (i % 2) as u32)
             })
             .collect()
     }
@@ -195,7 +194,7 @@ mod tests {
                     };
                     let bandwidth = Bandwidth { sigma: 0.7, theta };
                     let kernel = Kernel::new(&settings, bandwidth);
-                    let map = RecordMap::build(vec![records.clone()], kernel.reach(), false);
+                    let map = ConeMap::build(vec![records.clone()], kernel.reach(), false);
                     let mut cones = Candidates::new(&map);
                     let _ = cones.gather(std::iter::once((query.position, query.direction)), kernel.reach());
                     let (sum, _, counted) = kernel.sum(&cones, &query, &[]);

@@ -20,19 +20,20 @@ mod clip;
 mod cone_sampler;
 mod importons;
 mod kernel;
+mod queries;
 mod query;
 pub(super) mod settings;
 pub mod workload;
 
 use super::light_paths::LightPaths;
 use super::{Bandwidth, Counts, Iteration, Job, Observer, Phase, RenderError, edge_limit};
-use crate::map::{Occupancy, Record, RecordMap};
+use crate::density::{Cone, ConeMap, Occupancy};
 use crate::settings::{LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
 use cone_sampler::ConeSampler;
 use importons::Importons;
 use kernel::Kernel;
-use query::Queries;
+use queries::Queries;
 use std::ops::Range;
 
 /// Renders an iteration with cones counted within `bandwidth` in position and direction.
@@ -57,18 +58,9 @@ fn render_culling(
     culling: bool,
 ) -> Result<Iteration, RenderError> {
     let mut counts = Counts::default();
-    let total = job.pixel_count();
-    let per_pass = (job.batches.camera_paths / settings.samples as usize).max(1);
-    let mut pixels = Vec::with_capacity(total);
-    for first in (0..total).step_by(per_pass) {
-        let pass = Pass::trace_camera(
-            job,
-            settings,
-            bandwidth,
-            first..total.min(first + per_pass),
-            observer,
-            &mut counts,
-        )?;
+    let mut pixels = Vec::with_capacity(job.pixel_count());
+    for range in job.passes(job.batches.camera_paths, settings.samples) {
+        let pass = Pass::trace_camera(job, settings, bandwidth, range, observer, &mut counts)?;
         pixels.extend(pass.finish(observer, culling, &mut counts)?);
     }
     Ok(Iteration {
@@ -124,7 +116,7 @@ impl<'a> Pass<'a> {
         for batch in self.job.batches.of_light_paths(self.settings.photons) {
             let records = self.trace_light(batch, occupancy.as_ref(), observer, counts)?;
             observer.phase(Phase::BuildMap);
-            let map = RecordMap::build(records, self.kernel.reach(), self.settings.surface_test);
+            let map = ConeMap::build(records, self.kernel.reach(), self.settings.surface_test);
             observer.phase(Phase::ReadMap);
             self.queries.read(&map, &self.kernel, observer, counts)?;
         }
@@ -138,7 +130,7 @@ impl<'a> Pass<'a> {
         occupancy: Option<&Occupancy>,
         observer: &dyn Observer,
         counts: &mut Counts,
-    ) -> Result<Vec<Vec<Record>>, RenderError> {
+    ) -> Result<Vec<Vec<Cone>>, RenderError> {
         observer.phase(Phase::TraceLight);
         let paths = LightPaths {
             sequence: self.job.light_sequence(self.settings.photons),

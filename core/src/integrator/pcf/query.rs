@@ -1,17 +1,10 @@
-//! Queries: what camera paths want to know from the map.
+//! A query: what a camera path wants to know from the map, and at which vertex it asks.
 
-use super::clip::share_on_surface;
-use super::kernel::Kernel;
-use crate::integrator::camera_path::CameraPath;
-use crate::integrator::{Counts, GLOSSY_ROUGHNESS, Job, Observer, RenderError, edge_limit, trace_pixels};
-use crate::map::{Candidates, Occupancy, Place, Reach, RecordMap, count_edges};
+use crate::integrator::GLOSSY_ROUGHNESS;
 use crate::math::Vec3;
-use crate::path::{Tracer, Vertex};
-use crate::random::{PathRandom, Stream};
-use crate::settings::{LookupVertex, PcfSettings};
+use crate::path::Vertex;
+use crate::settings::LookupVertex;
 use crate::spectrum::Spectrum;
-use rayon::prelude::*;
-use std::ops::Range;
 
 /// How a surface scatters to the query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +15,7 @@ pub(super) enum Surface {
 }
 
 impl Surface {
-    fn of(vertex: &Vertex) -> Self {
+    pub(super) fn of(vertex: &Vertex) -> Self {
         if vertex.is_delta() {
             Self::Delta
         } else if vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
@@ -49,212 +42,13 @@ pub(super) struct Query {
     pub(super) limit: u8,
     pub(super) surface: Surface,
     /// Pixel, counted from the first of the pass.
-    pixel: u32,
+    pub(super) pixel: u32,
     /// Sum over the cones found so far.
-    radiance: Spectrum,
+    pub(super) radiance: Spectrum,
 }
 
-/// The camera paths of a range of pixels: what they have gathered themselves, and their queries.
-pub(super) struct Queries {
-    /// Sum over the samples of each pixel.
-    pixels: Vec<Spectrum>,
-    /// In the order of pixels.
-    queries: Vec<Query>,
-    /// For each query and each length of light paths the share of the kernel that lies on the query's surface; empty where nobody
-    /// asks.
-    on_surface: Vec<f32>,
-    groups: Groups,
-}
-
-/// Queries that ask the map together.
-#[derive(Default)]
-struct Groups {
-    /// Indices of queries, group by group.
-    order: Vec<u32>,
-    /// Where each group begins in `order`.
-    starts: Vec<u32>,
-}
-
-/// Queries clipped, or groups read, by one task.
-const PER_TASK: usize = 256;
-
-impl Queries {
-    pub(super) fn trace(
-        job: &Job,
-        settings: &PcfSettings,
-        pixels: Range<usize>,
-        observer: &dyn Observer,
-        counts: &mut Counts,
-    ) -> Result<Self, RenderError> {
-        let max_edges = edge_limit(settings.max_depth);
-        let first = pixels.start;
-        let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
-            let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
-            while let Some(vertex) = path.next_vertex() {
-                let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
-                let asks = at_lookup || settings.nested;
-                if asks {
-                    let longest = if at_lookup { u32::MAX } else { 1 };
-                    queries.push(Query {
-                        position: vertex.point.position,
-                        direction: vertex.wo,
-                        normal: vertex.point.geometric_normal,
-                        throughput: vertex.beta,
-                        camera_edges: vertex.edges,
-                        limit: count_edges((max_edges - vertex.edges).min(longest)),
-                        surface: Surface::of(&vertex),
-                        pixel: (sample.pixel - first) as u32,
-                        radiance: Spectrum::ZERO,
-                    });
-                } else {
-                    path.add_next_event(&vertex);
-                }
-                // An automatic lookup has counted all lobes but delta functions.
-                let walks = match settings.lookup_vertex {
-                    _ if !at_lookup => true,
-                    LookupVertex::Fixed(_) => false,
-                    LookupVertex::Auto => vertex.has_delta(),
-                };
-                let Some(scattered) = walks.then(|| path.go_on(&vertex)).flatten() else {
-                    break;
-                };
-                if at_lookup && !scattered.bsdf.delta {
-                    break;
-                }
-                if asks && !at_lookup {
-                    path.count_no_light_on_next_edge();
-                }
-            }
-            path.radiance
-        })?;
-        Ok(Self {
-            pixels,
-            queries: lists.concat(),
-            on_surface: Vec::new(),
-            groups: Groups::default(),
-        })
-    }
-
-    /// Finds the part of each query's kernel that lies on its surface, which the sums are divided by. Returns the number of rays.
-    pub(super) fn clip(&mut self, job: &Job, kernel: &Kernel) -> u64 {
-        let lengths = kernel.lengths();
-        let mut on_surface = vec![1.0; self.queries.len() * lengths];
-        let clip_task = |(task, (queries, shares)): (usize, (&[Query], &mut [f32]))| {
-            let mut tracer = Tracer::new(job.scene);
-            for (offset, (query, shares)) in queries.iter().zip(shares.chunks_mut(lengths)).enumerate() {
-                let disc = (task * PER_TASK + offset) as u64;
-                let mut random = PathRandom::new(job.seed, job.iteration, Stream::Disc, disc);
-                for (share, bandwidth) in shares.iter_mut().zip(kernel.bandwidths(query)) {
-                    *share = share_on_surface(&mut tracer, query, bandwidth, kernel.shape(), &mut random);
-                }
-            }
-            tracer.rays
-        };
-        let tasks = self.queries.par_chunks(PER_TASK);
-        let rays = tasks
-            .zip(on_surface.par_chunks_mut(PER_TASK * lengths))
-            .enumerate()
-            .map(clip_task)
-            .sum();
-        self.on_surface = on_surface;
-        rays
-    }
-
-    /// The shares of [`Self::clip`] of a query.
-    fn shares_on_surface(&self, index: u32) -> &[f32] {
-        let lengths = self.on_surface.len() / self.queries.len();
-        &self.on_surface[index as usize * lengths..][..lengths]
-    }
-
-    /// Puts queries of the same place into groups.
-    pub(super) fn group(&mut self, reach: &Reach) {
-        let place = |query: &Query| Place::new(query.position, query.direction, reach);
-        let mut places: Vec<(Place, u32)> = self
-            .queries
-            .par_iter()
-            .map(place)
-            .zip(0..self.queries.len() as u32)
-            .collect();
-        places.par_sort_unstable();
-        let begins = |index: &usize| *index == 0 || places[*index - 1].0 != places[*index].0;
-        self.groups.starts = (0..places.len()).filter(begins).map(|index| index as u32).collect();
-        self.groups.order = places.into_iter().map(|(_, index)| index).collect();
-    }
-
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Query> {
-        self.queries.iter()
-    }
-
-    /// Where the queries look.
-    pub(super) fn occupancy(&self, reach: &Reach) -> Occupancy {
-        let occupancy = Occupancy::new(reach, self.queries.len());
-        self.queries.par_chunks(PER_TASK).for_each(|queries| {
-            let mut last = Default::default();
-            for query in queries {
-                occupancy.mark(query.position, query.direction, &mut last);
-            }
-        });
-        occupancy
-    }
-
-    /// Adds the cones of `map` to every query's sum.
-    pub(super) fn read(
-        &mut self,
-        map: &RecordMap,
-        kernel: &Kernel,
-        observer: &dyn Observer,
-        counts: &mut Counts,
-    ) -> Result<(), RenderError> {
-        let tasks: Vec<(Vec<Spectrum>, [u64; 2])> = self
-            .groups
-            .starts
-            .par_chunks(PER_TASK)
-            .enumerate()
-            .map(|(task, starts)| {
-                if observer.cancelled() {
-                    return Err(RenderError::Cancelled);
-                }
-                let end = self.groups.starts.get((task + 1) * PER_TASK).copied();
-                let end = end.map_or(self.groups.order.len(), |end| end as usize);
-                let mut candidates = Candidates::new(map);
-                let (mut sums, mut totals) = (Vec::with_capacity(end - starts[0] as usize), [0; 2]);
-                let ends = starts[1..].iter().map(|start| *start as usize).chain([end]);
-                for (start, end) in starts.iter().zip(ends) {
-                    let indices = &self.groups.order[*start as usize..end];
-                    let group = indices.iter().map(|index| &self.queries[*index as usize]);
-                    totals[0] += candidates.gather(group.clone().map(|q| (q.position, q.direction)), kernel.reach());
-                    for (query, index) in group.zip(indices) {
-                        let (sum, tested, counted) = kernel.sum(&candidates, query, self.shares_on_surface(*index));
-                        sums.push(sum);
-                        totals = [totals[0] + tested, totals[1] + counted];
-                    }
-                }
-                Ok((sums, totals))
-            })
-            .collect::<Result<_, _>>()?;
-        let sums = tasks.iter().flat_map(|(sums, _)| sums);
-        for (index, sum) in self.groups.order.iter().zip(sums) {
-            self.queries[*index as usize].radiance += *sum;
-        }
-        counts.records_read += tasks.iter().map(|(_, totals)| totals[0]).sum::<u64>();
-        counts.records_counted += tasks.iter().map(|(_, totals)| totals[1]).sum::<u64>();
-        Ok(())
-    }
-
-    /// The mean of each pixel over its `samples`; the queries' sums are over `light_paths` light paths.
-    pub(super) fn into_pixels(self, light_paths: u32, samples: u32) -> Vec<Spectrum> {
-        let mut pixels = self.pixels;
-        for query in &self.queries {
-            pixels[query.pixel as usize] += query.throughput * query.radiance * (1.0 / light_paths as f32);
-        }
-        for pixel in &mut pixels {
-            *pixel *= 1.0 / samples as f32;
-        }
-        pixels
-    }
-}
-
-fn is_lookup(lookup: LookupVertex, vertex: &Vertex) -> bool {
+/// Whether camera paths look the map up at a vertex.
+pub(super) fn is_lookup(lookup: LookupVertex, vertex: &Vertex) -> bool {
     match lookup {
         LookupVertex::Fixed(k) => vertex.edges == k,
         LookupVertex::Auto => is_automatic_lookup(vertex),

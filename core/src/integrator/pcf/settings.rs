@@ -1,11 +1,11 @@
 //! Settings of `pcf`.
 
+use crate::density::LEAST_ANGLE;
+use crate::density::schedule;
 use crate::integrator::bandwidth::first_radius;
 use crate::integrator::{Bandwidth, Estimator, Ignored, Integrator, Iteration, Job, Observer, RenderError};
-use crate::map::LEAST_ANGLE;
 use crate::random::Sampling;
 use crate::scene::Scene;
-use crate::schedule;
 use crate::settings::shared::{ALPHA, MAX_DEPTH, PHOTONS, SAMPLES, SAMPLING, SIGMA1};
 use crate::settings::{Instead, Kind, Range, Setting};
 use serde::{Deserialize, Serialize};

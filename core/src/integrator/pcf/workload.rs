@@ -1,8 +1,8 @@
 //! The cones and queries of an iteration, for measurements of maps.
 
 use super::Pass;
+use crate::density::Cone;
 use crate::integrator::{Bandwidth, Batches, Counts, Job, RenderError, Unobserved, bandwidth};
-use crate::map::Record;
 use crate::math::Vec3;
 use crate::scene::Scene;
 use crate::settings::{IntegratorSettings, PcfSettings};
@@ -11,9 +11,9 @@ use crate::settings::{IntegratorSettings, PcfSettings};
 #[derive(Debug)]
 pub struct Workload {
     /// Every cone, in the order of light paths.
-    pub cones: Vec<Vec<Record>>,
+    pub cones: Vec<Vec<Cone>>,
     /// The cones that some query may count, in the same order: what is stored.
-    pub stored: Vec<Vec<Record>>,
+    pub stored: Vec<Vec<Cone>>,
     /// Position and unit direction of each query, in the order of pixels.
     pub queries: Vec<(Vec3, Vec3)>,
     /// Kernel sizes.

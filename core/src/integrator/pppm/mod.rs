@@ -13,8 +13,8 @@ pub(super) mod settings;
 use super::camera_path::CameraPath;
 use super::light_paths::LightPaths;
 use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
-use crate::map::{Reach, RecordMap, count_edges};
-use crate::math::{PI, sqr};
+use crate::density::{Point, PointMap, count_edges, radius_at};
+use crate::math::{PI, Vec3, sqr};
 use crate::path::Vertex;
 use crate::settings::PppmSettings;
 use crate::spectrum::Spectrum;
@@ -55,81 +55,112 @@ pub(super) struct Gathered {
     pub(super) counts: Counts,
 }
 
+/// Light that arrived at a surface, as the map keeps it.
+#[derive(Clone, Copy, Default)]
+struct Photon {
+    /// Unit direction that it came from.
+    wi: Vec3,
+    /// Corrected for the shading normal [W].
+    flux: Spectrum,
+    /// Edges of its light path.
+    edges: u8,
+}
+
+/// Radiance wanted from photons at a camera vertex.
+struct Query {
+    vertex: Vertex,
+    /// Index of the pixel, from the top left.
+    pixel: u32,
+    /// Most edges of a light path that counts.
+    limit: u8,
+}
+
+/// What a query found.
+struct Found {
+    pixel: u32,
+    /// What it adds to the pixel's sum.
+    radiance: Spectrum,
+    /// Photons that were looked at, and that counted.
+    read: u64,
+    photons: u32,
+}
+
 /// Renders an image with photons gathered in a disc of each pixel's own.
 ///
-/// More light paths than a batch holds are worked through batch by batch, with the same camera paths: the image is the mean of
-/// the batches' images, weighted by their number of light paths.
+/// Camera paths are worked through pass by pass: they leave queries, which then read the map in an order in which those that look at the
+/// same place follow each other. More light paths than a batch holds are mapped batch by batch, and every query of a pass reads all
+/// these maps; such passes are longer, since each traces the light paths anew.
 pub(super) fn gather_image(
     job: &Job,
     settings: &PppmSettings,
     discs: &Discs<impl Fn(usize) -> f32 + Sync>,
     observer: &dyn Observer,
 ) -> Result<Gathered, RenderError> {
-    let mut gathered = Gathered {
-        pixels: vec![Spectrum::ZERO; job.pixel_count()],
-        photons: vec![0.0; job.pixel_count()],
-        counts: Counts::default(),
+    let batches: Vec<Range<u32>> = job.batches.of_light_paths(settings.photons).collect();
+    let held = if batches.len() == 1 {
+        job.batches.vertices
+    } else {
+        job.batches.vertices_of_batches
     };
-    for batch in job.batches.of_light_paths(settings.photons) {
-        let share = batch.len() as f32 / settings.photons as f32;
-        let (sums, counted) = gather_batch(job, settings, batch, discs, observer, &mut gathered.counts)?;
-        let samples = settings.samples as usize;
-        let pixels = gathered.pixels.iter_mut().zip(&mut gathered.photons);
-        for (((pixel, photons), sum), counted) in pixels.zip(sums).zip(counted.chunks(samples)) {
-            *pixel += sum * (1.0 / samples as f32) * share;
-            *photons += counted.iter().sum::<u32>() as f32 / samples as f32;
+    let mut counts = Counts::default();
+    let mut sums = Vec::with_capacity(job.pixel_count());
+    let mut found = vec![0_u32; job.pixel_count()];
+    let mut map = None;
+    for pass in job.passes(held, settings.samples) {
+        observer.phase(Phase::TraceCamera);
+        let (direct, queries) = trace_queries(job, settings, pass, observer, &mut counts)?;
+        sums.extend(direct);
+        for batch in &batches {
+            let map = match map.take() {
+                Some(only) if batches.len() == 1 => map.insert(only),
+                _ => map.insert(map_photons(
+                    job,
+                    settings,
+                    batch.clone(),
+                    discs.widest,
+                    observer,
+                    &mut counts,
+                )?),
+            };
+            observer.phase(Phase::ReadMap);
+            for of_query in read(map, &queries, settings.photons, discs, observer)?.iter().flatten() {
+                sums[of_query.pixel as usize] += of_query.radiance;
+                found[of_query.pixel as usize] += of_query.photons;
+                counts.records_read += of_query.read;
+                counts.records_counted += u64::from(of_query.photons);
+            }
         }
     }
-    Ok(gathered)
+    let samples = settings.samples as f32;
+    Ok(Gathered {
+        pixels: sums.into_iter().map(|sum| sum * (1.0 / samples)).collect(),
+        photons: found.into_iter().map(|found| found as f32 / samples).collect(),
+        counts,
+    })
 }
 
-/// The sums of each pixel's camera paths, and the photons that each camera path counted.
-fn gather_batch(
+/// Traces the camera paths of a range of pixels: the sum of what each pixel's paths find without photons, and their queries.
+fn trace_queries(
     job: &Job,
     settings: &PppmSettings,
-    batch: Range<u32>,
-    discs: &Discs<impl Fn(usize) -> f32 + Sync>,
+    pixels: Range<usize>,
     observer: &dyn Observer,
     counts: &mut Counts,
-) -> Result<(Vec<Spectrum>, Vec<u32>), RenderError> {
+) -> Result<(Vec<Spectrum>, Vec<Vec<Query>>), RenderError> {
     let max_edges = edge_limit(settings.max_depth);
-    let light_paths = batch.len() as f32;
-
-    observer.phase(Phase::TraceLight);
-    let paths = LightPaths {
-        sequence: job.light_sequence(settings.photons),
-        range: batch,
-        max_edges: max_edges.saturating_sub(1),
-    };
-    let photons = paths.trace(job.scene, observer, counts, |arrival, photons| {
-        let vertex = arrival.vertex;
-        if vertex.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
-            photons.push(vertex.record(vertex.wo, vertex.beta));
-        }
-    })?;
-
-    observer.phase(Phase::BuildMap);
-    let map = RecordMap::build(photons, &Reach::new(discs.widest, PI), false);
-
-    observer.phase(Phase::TraceCamera);
-    let pixels = 0..job.pixel_count();
-    let (sums, counted) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, counted| {
-        let counts = sample.counts;
-        let radius = (discs.radius_of)(sample.pixel);
-        let reach = Reach::new(radius, PI);
-        let mut found = 0;
+    trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
         let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
-        let radiance = loop {
+        loop {
             let Some(vertex) = path.next_vertex() else {
                 break path.radiance;
             };
             let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
             if rough {
-                let limit = count_edges(max_edges - vertex.edges);
-                let reach = reach.at(vertex.point.position);
-                let (sum, photons) = gather(&map, &reach, &vertex, limit, counts);
-                found += photons;
-                path.radiance += vertex.beta * (sum * (1.0 / (light_paths * PI * sqr(reach.radius()))));
+                queries.push(Query {
+                    vertex,
+                    pixel: sample.pixel as u32,
+                    limit: count_edges(max_edges - vertex.edges),
+                });
             }
             path.add_next_event(&vertex);
             match path.go_on(&vertex) {
@@ -138,34 +169,91 @@ fn gather_batch(
                 Some(scattered) if rough && !scattered.bsdf.delta => break path.end_with_edge(),
                 Some(_) => {}
             }
-        };
-        counted.push(found);
-        radiance
-    })?;
-    Ok((sums, counted.concat()))
+        }
+    })
 }
 
-/// `sum_j f(wo, w_j) Phi_j` over the photons in reach that came by at most `limit` edges, and their number.
+/// Traces the light paths `batch` and maps their photons for discs of the radius `widest` at most.
+fn map_photons(
+    job: &Job,
+    settings: &PppmSettings,
+    batch: Range<u32>,
+    widest: f32,
+    observer: &dyn Observer,
+    counts: &mut Counts,
+) -> Result<PointMap<Photon>, RenderError> {
+    observer.phase(Phase::TraceLight);
+    let paths = LightPaths {
+        sequence: job.light_sequence(settings.photons),
+        range: batch,
+        max_edges: edge_limit(settings.max_depth).saturating_sub(1),
+    };
+    let photons = paths.trace(job.scene, observer, counts, |arrival, photons| {
+        let vertex = arrival.vertex;
+        if vertex.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
+            photons.push(Point {
+                position: vertex.point.position,
+                payload: Photon {
+                    wi: vertex.wo,
+                    flux: vertex.beta,
+                    edges: count_edges(vertex.edges),
+                },
+            });
+        }
+    })?;
+    observer.phase(Phase::BuildMap);
+    Ok(PointMap::build(photons, widest))
+}
+
+/// What each query finds in a map of some of the `light_paths` light paths.
+fn read(
+    map: &PointMap<Photon>,
+    queries: &[Vec<Query>],
+    light_paths: u32,
+    discs: &Discs<impl Fn(usize) -> f32 + Sync>,
+    observer: &dyn Observer,
+) -> Result<Vec<Vec<Found>>, RenderError> {
+    let disc = |query: &Query| {
+        let position = query.vertex.point.position;
+        (position, radius_at((discs.radius_of)(query.pixel as usize), position))
+    };
+    let found = map.answer(
+        queries,
+        disc,
+        || observer.cancelled(),
+        |query, near| {
+            let (position, radius) = disc(query);
+            let (mut sum, mut photons) = (Spectrum::ZERO, 0);
+            let read = near.query(position, radius, |photon| {
+                if let Some(radiance) = reflected(photon, query) {
+                    photons += 1;
+                    sum += radiance;
+                }
+            });
+            Found {
+                pixel: query.pixel,
+                radiance: query.vertex.beta * sum * (1.0 / (light_paths as f32 * PI * sqr(radius))),
+                read,
+                photons,
+            }
+        },
+    );
+    found.ok_or(RenderError::Cancelled)
+}
+
+/// `f(wo, w_j) Phi_j` of a photon in a query's disc; `None` where it does not count.
 ///
 /// A photon counts on the side that it came from: one that hit the back of the surface, or the far side of a thin wall, is none of
 /// this side's unless the material lets it through. Photons of a surface that meets this one are taken: in a right-angled corner
 /// under even light the disc loses 2 / (3 pi) = 21 % of its area on average over the places within a radius of the edge, and the
 /// half of the other wall's photons that come from above this surface adds 17 %. Without them five times as much would be missing.
-fn gather(map: &RecordMap, reach: &Reach, vertex: &Vertex, limit: u8, counts: &mut Counts) -> (Spectrum, u32) {
-    let mut sum = Spectrum::ZERO;
-    let mut counted = 0;
-    counts.records_read += map.query(vertex.point.position, reach, |photon| {
-        if photon.edges() > limit {
-            return;
-        }
-        let f = vertex.eval(photon.direction());
-        if vertex.on_side_of_wo(photon.direction()) || !f.is_black() {
-            counted += 1;
-            sum += f * photon.weight();
-        }
-    });
-    counts.records_counted += u64::from(counted);
-    (sum, counted)
+fn reflected(photon: &Photon, query: &Query) -> Option<Spectrum> {
+    if photon.edges > query.limit {
+        return None;
+    }
+    let f = query.vertex.eval(photon.wi);
+    let counts = query.vertex.on_side_of_wo(photon.wi) || !f.is_black();
+    counts.then(|| f * photon.flux)
 }
 
 #[cfg(test)]

@@ -1,21 +1,22 @@
 use super::*;
 use crate::math::warp::square_to_sphere;
 use crate::random::{PathRandom, Stream};
+use crate::spectrum::Spectrum;
 
-fn records(count: u64, extent: f32) -> Vec<Record> {
+fn records(count: u64, extent: f32) -> Vec<Cone> {
     (0..count)
         .map(|i| {
             let mut random = PathRandom::new(7, 1, Stream::Light, i);
             let position = Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * extent
                 - Vec3::splat(extent / 2.0);
             let direction = square_to_sphere(random.next_2d());
-            Record::new(position, Vec3::Z, direction, Spectrum::splat(i as f32), i as u32)
+            Cone::new(position, Vec3::Z, direction, Spectrum::splat(i as f32), i as u32)
         })
         .collect()
 }
 
 /// Indices of the records found, and how many were read.
-fn found(map: &RecordMap, center: Vec3, direction: Vec3, reach: &Reach) -> (Vec<u32>, u64) {
+fn found(map: &ConeMap, center: Vec3, direction: Vec3, reach: &Reach) -> (Vec<u32>, u64) {
     let mut indices = Vec::new();
     let mut candidates = Candidates::new(map);
     let read = candidates.gather(std::iter::once((center, direction)), reach);
@@ -24,7 +25,7 @@ fn found(map: &RecordMap, center: Vec3, direction: Vec3, reach: &Reach) -> (Vec<
     (indices, read)
 }
 
-fn chunked(all: &[Record], size: usize) -> Vec<Vec<Record>> {
+fn chunked<R: Copy>(all: &[R], size: usize) -> Vec<Vec<R>> {
     all.chunks(size).map(<[_]>::to_vec).collect()
 }
 
@@ -34,7 +35,7 @@ fn a_query_finds_each_record_in_reach_once_and_no_other() {
     for (radius, theta, least) in [(0.21, PI, 500), (0.5, 0.3, 80), (1.0, 0.05, 8), (0.6, 1.4, 500)] {
         let reach = Reach::new(radius, theta);
         let narrower = Reach::new(0.7 * radius, (0.6 * theta).min(1.0));
-        let map = RecordMap::build(chunked(&all, 777), &reach, false);
+        let map = ConeMap::build(chunked(&all, 777), &reach, false);
         let mut hits = 0;
         for i in 0..500 {
             let mut random = PathRandom::new(8, 1, Stream::Camera, i);
@@ -44,7 +45,7 @@ fn a_query_finds_each_record_in_reach_once_and_no_other() {
             for reach in [reach, narrower] {
                 let (mut got, _) = found(&map, center, direction, &reach);
                 got.sort_unstable();
-                let inside = |r: &&Record| {
+                let inside = |r: &&Cone| {
                     (r.position - center).length_squared() < reach.radius * reach.radius
                         && (r.direction() - direction).length_squared() < reach.chord2
                 };
@@ -62,13 +63,19 @@ fn a_group_finds_for_each_query_what_it_finds_alone() {
     let all = records(40_000, 4.0);
     for (radius, theta, least) in [(0.3, PI, 10_000), (0.4, 0.3, 1_000), (0.1, 0.02, 0), (0.3, 1.5, 5_000)] {
         let reach = Reach::new(radius, theta);
-        let map = RecordMap::build(chunked(&all, 999), &reach, false);
-        let mut queries: Vec<(Place, Vec3, Vec3)> = all
+        let map = ConeMap::build(chunked(&all, 999), &reach, false);
+        let mut queries: Vec<(QueryCell, Vec3, Vec3)> = all
             .iter()
             .step_by(20)
-            .map(|r| (Place::new(r.position, r.direction(), &reach), r.position, r.direction()))
+            .map(|r| {
+                (
+                    QueryCell::new(r.position, r.direction(), &reach),
+                    r.position,
+                    r.direction(),
+                )
+            })
             .collect();
-        queries.sort_by_key(|(place, ..)| *place);
+        queries.sort_by_key(|(cell, ..)| *cell);
         let mut candidates = Candidates::new(&map);
         let (mut hits, mut largest) = (0, 0);
         for group in queries.chunk_by(|a, b| a.0 == b.0) {
@@ -86,23 +93,86 @@ fn a_group_finds_for_each_query_what_it_finds_alone() {
     }
 }
 
+/// Points, each with its index.
+fn points(count: u64, extent: f32) -> Vec<Point<u32>> {
+    let records = records(count, extent);
+    let point = |(record, payload): (&Cone, u32)| Point {
+        position: record.position,
+        payload,
+    };
+    records.iter().zip(0..).map(point).collect()
+}
+
+/// Indices of the points found by one query.
+fn found_points(map: &PointMap<u32>, center: Vec3, radius: f32) -> Vec<u32> {
+    let mut indices = Vec::new();
+    let tested = map.query(center, radius, |index| indices.push(*index));
+    assert!(tested >= indices.len() as u64);
+    indices
+}
+
 #[test]
-fn a_query_for_every_direction_finds_each_record_in_reach_once() {
-    let all = records(20_000, 10.0);
-    let reach = Reach::new(0.21, PI);
-    let map = RecordMap::build(chunked(&all, 777), &reach, false);
+fn a_query_for_points_finds_each_in_reach_once_alone_and_in_a_group() {
+    let all = points(20_000, 10.0);
+    let map = PointMap::build(chunked(&all, 777), 0.21);
+    // The centre, the radius and the number of queries, in lists as tasks leave them.
+    let queries: Vec<(Vec3, f32, usize)> = (0..2_000)
+        .map(|i| {
+            let radius = [0.21, 0.05, 0.3][i % 3];
+            (all[7 * i].position + Vec3::splat(0.05), radius, i)
+        })
+        .collect();
+    let answers = map.answer(
+        &chunked(&queries, 99),
+        |query| (query.0, query.1),
+        || false,
+        |query, near| {
+            let mut indices = Vec::new();
+            near.query(query.0, query.1, |index| indices.push(*index));
+            (query.2, indices)
+        },
+    );
+    let mut answers: Vec<(usize, Vec<u32>)> = answers.unwrap().concat();
+    answers.sort_by_key(|(number, _)| *number);
+    assert_eq!(answers.len(), queries.len());
     let mut hits = 0;
-    for center in all.iter().step_by(40).map(|r| r.position + Vec3::splat(0.05)) {
-        let mut got = Vec::new();
-        map.query(center, &reach, |n| got.push(n.weight().mean() as u32));
+    for ((center, radius, number), (answered, mut indices)) in queries.into_iter().zip(answers) {
+        assert_eq!(number, answered);
         assert_eq!(
-            got,
-            found(&map, center, Vec3::X, &reach).0,
+            indices,
+            found_points(&map, center, radius),
             "the same, in the same order"
         );
-        hits += got.len();
+        indices.sort_unstable();
+        let inside = |p: &&Point<u32>| (p.position - center).length_squared() < radius * radius;
+        let expected: Vec<u32> = all.iter().filter(inside).map(|p| p.payload).collect();
+        assert_eq!(indices, expected);
+        hits += indices.len();
     }
-    assert!(hits > 500, "the test looks at something: {hits}");
+    assert!(hits > 2_000, "the test looks at something: {hits}");
+}
+
+#[test]
+fn order_of_points_does_not_depend_on_chunks_or_threads() {
+    let all = points(5_000, 2.0);
+    let build = |size: usize, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| PointMap::build(chunked(&all, size), 0.3))
+    };
+    let (one, seven) = (build(5_000, 1), build(97, 7));
+    for center in all.iter().step_by(91).map(|point| point.position) {
+        let found = found_points(&one, center, 0.3);
+        assert!(!found.is_empty());
+        assert_eq!(found, found_points(&seven, center, 0.3));
+    }
+}
+
+#[test]
+fn an_answer_can_be_cancelled() {
+    let all = points(100, 1.0);
+    let map = PointMap::build(vec![all.clone()], 0.2);
+    let answers = map.answer(&[all], |point| (point.position, 0.2), || true, |_, _| ());
+    assert!(answers.is_none());
 }
 
 #[test]
@@ -111,7 +181,7 @@ fn order_does_not_depend_on_chunks_or_threads() {
     let reach = Reach::new(0.3, 0.5);
     let build = |size: usize, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| RecordMap::build(chunked(&all, size), &reach, true))
+        pool.install(|| ConeMap::build(chunked(&all, size), &reach, true))
     };
     let (one, seven) = (build(5_000, 1), build(97, 7));
     for i in 0..50 {
@@ -136,15 +206,15 @@ fn what_occupancy_drops_changes_neither_what_is_found_nor_its_order() {
     for (center, direction) in &queries {
         occupancy.mark(*center, *direction, &mut last);
     }
-    let kept: Vec<Record> = all
+    let kept: Vec<Cone> = all
         .iter()
         .copied()
         .filter(|r| occupancy.may_count_at(r.position) && occupancy.may_count(r.position, r.direction()))
         .collect();
     assert!(kept.len() < all.len() / 4, "most are dropped: {} are left", kept.len());
     let (whole, culled) = (
-        RecordMap::build(chunked(&all, 999), &reach, false),
-        RecordMap::build(chunked(&kept, 999), &reach, false),
+        ConeMap::build(chunked(&all, 999), &reach, false),
+        ConeMap::build(chunked(&kept, 999), &reach, false),
     );
     let mut hits = 0;
     for (center, direction) in queries {
@@ -157,17 +227,17 @@ fn what_occupancy_drops_changes_neither_what_is_found_nor_its_order() {
 
 #[test]
 fn a_query_reads_few_records_that_do_not_count() {
-    let flat: Vec<Record> = (0..400_000)
+    let flat: Vec<Cone> = (0..400_000)
         .map(|i| {
             let mut random = PathRandom::new(7, 1, Stream::Light, i);
             let position = Vec3::new(random.next_1d(), random.next_1d(), 0.0);
             let direction = square_to_sphere(random.next_2d());
-            Record::new(position, Vec3::Z, direction, Spectrum::ONE, 1)
+            Cone::new(position, Vec3::Z, direction, Spectrum::ONE, 1)
         })
         .collect();
     for (radius, theta) in [(0.05, 0.3), (0.02, 0.1)] {
         let reach = Reach::new(radius, theta);
-        let map = RecordMap::build(chunked(&flat, 4096), &reach, false);
+        let map = ConeMap::build(chunked(&flat, 4096), &reach, false);
         let (mut counted, mut read) = (0, 0);
         for query in flat.iter().step_by(400) {
             let (indices, r) = found(&map, query.position, query.direction(), &reach);
@@ -193,14 +263,19 @@ fn far_from_the_origin_queries_find_what_their_disc_holds() {
         assert_eq!(disc > radius, doublings > 19);
         // A square of eight discs' widths in the plane y = 0.
         let half = 8.0 * disc;
-        let all: Vec<Record> = (0..COUNT)
+        let all: Vec<Cone> = (0..COUNT)
             .map(|i| {
                 let offset = (2.0 * PathRandom::new(7, 1, Stream::Light, i).next_2d() - 1.0) * half;
                 let position = Vec3::new(distance + offset.x, 0.0, offset.y - distance);
-                Record::new(position, Vec3::Y, Vec3::Y, Spectrum::ONE, 1)
+                Cone::new(position, Vec3::Y, Vec3::Y, Spectrum::ONE, 1)
             })
             .collect();
-        let map = RecordMap::build(chunked(&all, 999), &reach, false);
+        let map = ConeMap::build(chunked(&all, 999), &reach, false);
+        let point = |record: &Cone| Point {
+            position: record.position,
+            payload: (),
+        };
+        let points = PointMap::build(vec![all.iter().map(point).collect()], radius);
         let occupancy = Occupancy::new(&reach, 100);
         let (mut counted, mut queries) = (0, 0.0);
         for i in 0..200 {
@@ -208,8 +283,8 @@ fn far_from_the_origin_queries_find_what_their_disc_holds() {
             let center = Vec3::new(distance + offset.x, 0.0, offset.y - distance);
             let wide = reach.at(center);
             let mut mine = Vec::new();
-            map.query(center, &wide, |_| mine.push(()));
-            let inside = |r: &&Record| (r.position - center).length_squared() < wide.radius * wide.radius;
+            points.query(center, wide.radius, |()| mine.push(()));
+            let inside = |r: &&Cone| (r.position - center).length_squared() < wide.radius * wide.radius;
             assert_eq!(
                 mine.len(),
                 all.iter().filter(inside).count(),
@@ -238,7 +313,7 @@ fn far_from_the_origin_queries_find_what_their_disc_holds() {
 #[test]
 fn an_empty_map_finds_nothing() {
     let reach = Reach::new(1.0, 0.5);
-    let map = RecordMap::build(Vec::new(), &reach, false);
+    let map = ConeMap::build(Vec::new(), &reach, false);
     assert!(map.is_empty());
     assert!(found(&map, Vec3::ZERO, Vec3::Z, &reach).0.is_empty());
 }

@@ -1,12 +1,13 @@
-//! Queries that are close to each other ask the map together.
+//! Queries for cones that are close to each other ask the map together.
 //!
-//! A group of them reads the map once, for all records that one of them may find; each then tests the records gathered. Groups
-//! are formed by [`Place`], the order of which also keeps queries that follow each other close in memory.
+//! A group of them reads the map once, for all cones that one of them may find; each then tests the cones gathered. Groups
+//! are formed by [`QueryCell`], the order of which also keeps queries that follow each other close in memory.
 
-use super::blocks::{block_of, cell_in_block};
+use super::cones::ConeMap;
 use super::direction::{Window, Windows, decode_coarse, direction_cell, encode_direction, row_shift, sort_key};
-use super::scan::{MASK, Spot, Test, for_each_bit};
-use super::{LANES, Reach, RecordMap, cell};
+use super::grid::CellOnCurve;
+use super::scan::{PackedCone, ReachTest};
+use super::{LANES, MASK, Reach, for_each_bit};
 use crate::math::{Vec3, sqr};
 use crate::spectrum::Spectrum;
 use std::ops::Range;
@@ -18,27 +19,21 @@ const GROUP_OVER_RADIUS: f32 = 1.0;
 /// Up to as many records of a face are read without a closer look at their rows: a few reads in one place cost less than a search.
 const SHORT: usize = 96;
 
-/// Where a query looks: queries of the same place make a group. Places are ordered along a curve that fills space.
+/// Cell of position and direction that a query lies in: queries of the same cell make a group. Cells are ordered along a curve that
+/// fills space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
-    block: u64,
-    cell: u32,
+pub struct QueryCell {
+    cell: CellOnCurve,
     direction: u32,
 }
 
-impl Place {
-    /// The place of queries of the given reach at the position `center` in the unit direction `direction`.
+impl QueryCell {
+    /// The cell of queries of the given reach at the position `center` in the unit direction `direction`.
     #[must_use]
     pub fn new(center: Vec3, direction: Vec3, reach: &Reach) -> Self {
-        let cell = cell(center, 1.0 / (GROUP_OVER_RADIUS * reach.radius));
         Self {
-            block: block_of(cell),
-            cell: cell_in_block(cell),
-            direction: if reach.is_omnidirectional() {
-                0
-            } else {
-                direction_cell(encode_direction(direction), row_shift(reach.sin_theta))
-            },
+            cell: CellOnCurve::at(center, 1.0 / (GROUP_OVER_RADIUS * reach.radius)),
+            direction: direction_cell(encode_direction(direction), row_shift(reach.sin_theta)),
         }
     }
 }
@@ -48,7 +43,7 @@ impl Place {
 /// They are gathered in steps, each a plain loop over a list, so that the processor waits for many places of memory at a time.
 #[derive(Debug)]
 pub struct Candidates<'a> {
-    map: &'a RecordMap,
+    map: &'a ConeMap,
     cells: Vec<Range<usize>>,
     runs: Vec<Run>,
     indices: Vec<u32>,
@@ -116,7 +111,7 @@ impl Candidate<'_> {
 impl<'a> Candidates<'a> {
     /// None yet.
     #[must_use]
-    pub fn new(map: &'a RecordMap) -> Self {
+    pub fn new(map: &'a ConeMap) -> Self {
         Self {
             map,
             cells: Vec::new(),
@@ -129,13 +124,14 @@ impl<'a> Candidates<'a> {
         }
     }
 
-    /// Gathers the records that a query of `group` can find within `reach`: positions and unit directions of one [`Place`]. Returns
+    /// Gathers the records that a query of `group` can find within `reach`: positions and unit directions of one [`QueryCell`]. Returns
     /// how many records were read.
     pub fn gather(&mut self, group: impl Iterator<Item = (Vec3, Vec3)> + Clone, reach: &Reach) -> u64 {
         let (center, axis, reach) = around(group, reach);
         self.cells.clear();
         self.map
-            .cells_around(center, reach.radius, |records| self.cells.push(records));
+            .grid
+            .cells_near([center; 2], reach.radius, |records| self.cells.push(records));
         self.find_runs(axis, &reach);
         self.find_records(center, axis, &reach);
         self.unpack();
@@ -145,14 +141,6 @@ impl<'a> Candidates<'a> {
     /// Lists the records of the cells whose directions the windows about `axis` cover.
     fn find_runs(&mut self, axis: Vec3, reach: &Reach) {
         self.runs.clear();
-        if self.map.reach.is_omnidirectional() {
-            let run = |records: &Range<usize>| Run {
-                face: 0,
-                records: records.clone(),
-            };
-            self.runs.extend(self.cells.iter().map(run));
-            return;
-        }
         let windows = Windows::around(axis, reach.sin_theta);
         for cell in &self.cells {
             for window in windows.as_slice() {
@@ -173,7 +161,7 @@ impl<'a> Candidates<'a> {
 
     /// The records without those at both ends whose columns the window does not cover.
     fn trim(&self, mut records: Range<usize>, window: &Window) -> Range<usize> {
-        let outside = |index: usize| !window.holds_column(self.map.spots[index].direction_code());
+        let outside = |index: usize| !window.holds_column(self.map.packed[index].direction_code());
         while !records.is_empty() && outside(records.start) {
             records.start += 1;
         }
@@ -185,17 +173,17 @@ impl<'a> Candidates<'a> {
 
     /// Those of the records, which are of one cell, whose sort keys lie in a range, both ends included.
     fn within(&self, records: Range<usize>, [low, high]: [u32; 2]) -> Range<usize> {
-        let spots = &self.map.spots[records.clone()];
-        let key = |spot: &Spot| sort_key(spot.direction_code(), self.map.row_shift);
-        let from = spots.partition_point(|spot| key(spot) < low);
-        let above = |index: usize| spots.get(index).is_none_or(|spot| key(spot) > high);
+        let cones = &self.map.packed[records.clone()];
+        let key = |cone: &PackedCone| sort_key(cone.direction_code(), self.map.row_shift);
+        let from = cones.partition_point(|cone| key(cone) < low);
+        let above = |index: usize| cones.get(index).is_none_or(|cone| key(cone) > high);
         // Most ranges are short: the step is doubled until it leads beyond the range.
         let (mut end, mut step) = (from, 1);
         while !above(end + step - 1) {
             end += step;
             step *= 2;
         }
-        end += spots[end..spots.len().min(end + step - 1)].partition_point(|spot| key(spot) <= high);
+        end += cones[end..cones.len().min(end + step - 1)].partition_point(|cone| key(cone) <= high);
         records.start + from..records.start + end
     }
 
@@ -203,8 +191,8 @@ impl<'a> Candidates<'a> {
     fn find_records(&mut self, center: Vec3, axis: Vec3, reach: &Reach) {
         self.indices.clear();
         for run in &self.runs {
-            let test = Test::new(center, axis, reach, run.face);
-            test.scan(self.map, run.records.clone(), &mut |index| {
+            let test = ReachTest::new(center, axis, reach, run.face);
+            test.scan(&self.map.packed, run.records.clone(), &mut |index| {
                 self.indices.push(index as u32)
             });
         }
@@ -224,8 +212,8 @@ impl<'a> Candidates<'a> {
         let positions = x.iter_mut().zip(y).zip(z);
         let directions = dx.iter_mut().zip(dy).zip(dz);
         for (index, (((x, y), z), ((dx, dy), dz))) in indices.clone().zip(positions.zip(directions)) {
-            [*x, *y, *z] = map.spots[index].position().to_array();
-            [*dx, *dy, *dz] = map.spots[index].direction().to_array();
+            [*x, *y, *z] = map.packed[index].position().to_array();
+            [*dx, *dy, *dz] = map.packed[index].direction().to_array();
         }
         self.weights.clear();
         self.weights.extend(indices.clone().map(|index| map.weights[index]));

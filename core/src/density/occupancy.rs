@@ -1,7 +1,8 @@
 //! Where the queries of an iteration look: what lies elsewhere need not be stored.
 
+use super::Reach;
 use super::direction::{CellWindows, ROW_BITS, Windows, direction_cell, encode_direction, row_shift};
-use super::{Reach, cell};
+use super::grid::cell_at;
 use crate::math::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -45,8 +46,8 @@ impl Occupancy {
     /// Marks what a query at `center` and the unit vector `direction` can count. `last` is the memory of a run of queries.
     pub fn mark(&self, center: Vec3, direction: Vec3, last: &mut LastMarked) {
         let radius = Vec3::splat(self.reach.at(center).radius);
-        let low = cell(center - radius, self.cells_per_unit);
-        let high = cell(center + radius, self.cells_per_unit);
+        let low = cell_at(center - radius, self.cells_per_unit);
+        let high = cell_at(center + radius, self.cells_per_unit);
         let windows = Windows::around(direction, self.reach.sin_theta).cells(self.row_shift);
         let marks = Some((low, high, windows));
         if last.0 == marks {
@@ -77,7 +78,7 @@ impl Occupancy {
     }
 
     fn holds(&self, position: Vec3, direction: u32) -> bool {
-        let (word, bit) = self.place(hash_position(cell(position, self.cells_per_unit)), direction);
+        let (word, bit) = self.place(hash_position(cell_at(position, self.cells_per_unit)), direction);
         self.bits[word].load(Ordering::Relaxed) & bit != 0
     }
 

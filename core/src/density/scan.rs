@@ -1,16 +1,16 @@
-//! Testing records against a query, some at a time.
+//! Testing cones of the map against a query, some at a time.
 
 use super::direction::{decode_direction, decode_on_face, on_axis};
-use super::{LANES, Reach, RecordMap};
+use super::{LANES, MASK, Reach, for_each_bit};
 use crate::math::Vec3;
 use std::ops::Range;
 use wide::f32x4;
 
-/// Where a record is, and in which direction: four records fill a line of the cache.
+/// Where a cone is, and in which direction: four fill a line of the cache.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Spot([f32; 4]);
+pub(super) struct PackedCone([f32; 4]);
 
-impl Spot {
+impl PackedCone {
     pub(super) fn new(position: Vec3, direction: u32) -> Self {
         Self([position.x, position.y, position.z, f32::from_bits(direction)])
     }
@@ -32,20 +32,8 @@ impl Spot {
     }
 }
 
-/// Records that are tested before those in reach are visited.
-pub(super) const MASK: usize = u64::BITS as usize;
-
-/// Calls `visit` with the number of each bit that is set, lowest first.
-#[inline(always)]
-pub(super) fn for_each_bit(mut mask: u64, mut visit: impl FnMut(usize)) {
-    while mask != 0 {
-        visit(mask.trailing_zeros() as usize);
-        mask &= mask - 1;
-    }
-}
-
-/// What records of one face of directions are tested against.
-pub(super) struct Test<'r> {
+/// A query's reach, which cones of one face of directions are tested against.
+pub(super) struct ReachTest<'r> {
     reach: &'r Reach,
     center: [f32x4; 3],
     /// Components of the query's direction along the rows of the face, across them, and along the face's axis.
@@ -53,7 +41,7 @@ pub(super) struct Test<'r> {
     face: u32,
 }
 
-impl<'r> Test<'r> {
+impl<'r> ReachTest<'r> {
     pub(super) fn new(center: Vec3, direction: Vec3, reach: &'r Reach, face: u32) -> Self {
         Self {
             reach,
@@ -63,24 +51,19 @@ impl<'r> Test<'r> {
         }
     }
 
-    /// Calls `visit` with the index of each record of `run` that is in reach, in their order.
+    /// Calls `visit` with the index of each of the `cones` of `run` that is in reach, in their order.
     ///
-    /// Records are first tested without a branch, since whether one counts is hard to predict, and then visited.
-    pub(super) fn scan<P>(&self, map: &RecordMap<P>, run: Range<usize>, visit: &mut impl FnMut(usize)) {
+    /// Cones are first tested without a branch, since whether one counts is hard to predict, and then visited.
+    pub(super) fn scan(&self, cones: &[PackedCone], run: Range<usize>, visit: &mut impl FnMut(usize)) {
         let radius2 = f32x4::splat(self.reach.radius * self.reach.radius);
         let chord2 = f32x4::splat(self.reach.chord2);
-        let everywhere = map.reach.is_omnidirectional();
         for first in run.clone().step_by(MASK) {
             let mut mask = 0;
             for (group, first) in (first..run.end.min(first + MASK)).step_by(LANES).enumerate() {
-                let spots: &[Spot; LANES] = map.spots[first..]
-                    .first_chunk()
-                    .expect("the spots end with a chunk more");
-                let [x, y, z, codes] = f32x4::transpose(spots.map(|spot| f32x4::new(spot.0)));
-                let mut in_reach = self.distances(&[x, y, z]).simd_lt(radius2);
-                if !everywhere {
-                    in_reach &= self.chords(codes).simd_lt(chord2);
-                }
+                let lanes: &[PackedCone; LANES] =
+                    cones[first..].first_chunk().expect("the cones end with a chunk more");
+                let [x, y, z, codes] = f32x4::transpose(lanes.map(|cone| f32x4::new(cone.0)));
+                let in_reach = self.distances(&[x, y, z]).simd_lt(radius2) & self.chords(codes).simd_lt(chord2);
                 mask |= u64::from(in_reach.to_bitmask()) << (LANES * group);
             }
             let beyond = MASK - (run.end - first).min(MASK);
