@@ -131,7 +131,10 @@ pub(super) fn scenes() -> Vec<Vec<u8>> {
         <point name='position' value='0 2 3'/><rgb name='intensity' value='5'/></emitter>\
         <emitter type='constant'><rgb name='radiance' value='0.2'/></emitter>";
     let scene = |content: &str| format!("<scene version='3.0.0'>{sensor}{content}</scene>").into_bytes();
-    vec![scene(glowing), scene(glass)]
+    let moving = "<shape type='disk'><animation name='to_world'><transform time='0'/><transform time='1'>\
+        <rotate y='1' angle='40'/><translate x='1'/></transform></animation></shape><emitter type='projector'>\
+        <float name='fov' value='30'/><rgb name='irradiance' value='1, 2, 3'/></emitter>";
+    vec![scene(glowing), scene(glass), scene(moving)]
 }
 
 pub(super) fn obj() -> Vec<Vec<u8>> {
