@@ -135,6 +135,20 @@ def shrink(picture, height, width):
     return block_means(picture[None], factor)[0]
 
 
+def changed_copy(scene, changes, copy):
+    """The scene in a copy of its folder, made once, with each pattern replaced by what stands beside it in `changes`."""
+    if not copy.exists():
+        shutil.copytree(scene.parent, copy, ignore=shutil.ignore_patterns("*.exr"))
+        text = scene.read_text()
+        for pattern, replacement in changes:
+            text, count = re.subn(pattern, replacement, text, flags=re.DOTALL)
+            if count == 0:
+                raise ValueError(f"{scene} has nothing of the form {pattern}")
+        (copy / scene.name).unlink()
+        (copy / scene.name).write_text(text)
+    return copy / scene.name
+
+
 @dataclass
 class Finding:
     median: float
@@ -173,7 +187,7 @@ class Suite:
             if not scene.is_file():
                 sys.exit(f"error: {scene} is missing")
             if case.changed:
-                scene = self.changed_copy(scene, case.changed)
+                scene = changed_copy(scene, CHANGES[case.changed], pathlib.Path(self.scratch.name) / case.changed)
             seeds = range(1, 1 + SEEDS)
             if self.options.candidate == "mitsuba":
                 samples = iterations * settings["samples"]
@@ -185,20 +199,6 @@ class Suite:
                     scene, case.defines, integrator, settings, iterations, seeds, keep
                 )
         return self.done[key]
-
-    def changed_copy(self, scene, change):
-        """A copy of the scene and its folder with a change of `CHANGES`."""
-        copy = pathlib.Path(self.scratch.name) / change
-        if not copy.exists():
-            shutil.copytree(scene.parent, copy, ignore=shutil.ignore_patterns("*.exr"))
-            text = scene.read_text()
-            for pattern, replacement in CHANGES[change]:
-                text, count = re.subn(pattern, replacement, text, flags=re.DOTALL)
-                if count == 0:
-                    raise ValueError(f"{scene} has nothing of the form that `{change}` looks for")
-            (copy / scene.name).unlink()
-            (copy / scene.name).write_text(text)
-        return copy / scene.name
 
     def run(self, case):
         """What one comparison found."""

@@ -76,6 +76,18 @@ def median_ratio(a, b, size):
     return median, 1.2533 * spread / math.sqrt(len(ratios))
 
 
+def relative_variance(pictures, floor):
+    """relMSE by noise alone: each pixel's variance over (its squared mean + `floor`), averaged over pixels and channels.
+
+    Returns it for one render, and its standard error, which takes the first axis for independent renders. A pixel
+    cannot count for more than the number of renders, which is what one that is lit in a single render comes to: noise
+    that strong is understated.
+    """
+    mean = pictures.mean(0)
+    single = ((pictures - mean) ** 2 / (mean**2 + floor)).mean((1, 2, 3)) * len(pictures) / (len(pictures) - 1)
+    return float(single.mean()), float(single.std(ddof=1) / math.sqrt(len(single)))
+
+
 @dataclass
 class Verdict:
     """What the comparison of two stacks of renders found."""

@@ -60,6 +60,19 @@ class Comparison(unittest.TestCase):
         self.assertAlmostEqual(float((abs(z) > 3).mean()), noise.PIXEL_SHARE, delta=6e-4)
         self.assertAlmostEqual(float(z.std()), 1.0, delta=0.02)
 
+    def test_relative_variance_is_that_of_the_noise(self):
+        # A gamma distribution of shape k has a variance of its squared mean over k.
+        for tail in (4.0, 16.0):
+            pictures = renders(1, count=200, tail=tail)
+            value, error = noise.relative_variance(pictures, 0)
+            self.assertAlmostEqual(value, 1 / tail, delta=5 * error)
+            self.assertAlmostEqual(noise.relative_variance(0.5 * pictures, 0)[0], value, places=9)
+
+    def test_a_pixel_lit_in_one_render_counts_for_the_number_of_renders(self):
+        pictures = np.zeros((6, 1, 1, 3))
+        pictures[2] = 7.0
+        self.assertAlmostEqual(noise.relative_variance(pictures, 0)[0], 6.0, places=12)
+
     def test_sidak_limit(self):
         self.assertAlmostEqual(noise.sidak(0.05, 1), 1.95996, places=4)
         single = math.erfc(noise.sidak(0.05, 100) / math.sqrt(2))
