@@ -1,8 +1,8 @@
 """Noise and time of vertex connection and merging, here and in LuxCore, on the scene water-caustic.
 
-The measure is relMSE x seconds: halving the error or the time halves it. Each renderer's variance is taken about its own
-mean, over independent renders, so that a bias of the mean does not count. Renders take turns, so that both meet the
-same machine. Prints a table in Markdown.
+The measure is relMSE x seconds: halving the error or the time halves it. Each renderer's variance is taken about its
+own mean, over independent renders, so that a bias of the mean does not count. Renders take turns, so that both meet
+the same machine. Prints a table in Markdown.
 """
 
 import argparse
@@ -30,10 +30,11 @@ THREADS = 2
 SAMPLES = 8
 # As many light paths per iteration as camera paths.
 LIGHT_PATHS = SIZE * SIZE
-# Added to the squared mean, which is about 0.06 for the whole picture, so that black pixels do not decide.
+# Added to the squared mean, which is about 0.02 for the whole picture, so that black pixels do not decide.
 FLOOR = 0.01
-# LuxCore's defaults: light paths of one pass of one thread, first radius over that of the scene's bounding sphere, and alpha.
+# LuxCore's defaults: light paths of one pass of one thread, first radius over that of the bounding sphere, and alpha.
 LUXCORE_LIGHT_PATHS, LUXCORE_RADIUS_SCALE, LUXCORE_ALPHA = 16384, 0.003, 0.95
+# Photonfarm's default.
 ALPHA = 2 / 3
 # LuxCore's surfaces have two sides, and without a filter each of its samples counts for the pixel in which it lies.
 SAME_AS_LUXCORE = [*CHANGES["two-sided"], (r'<rfilter type="tent"/>', '<rfilter type="box"/>')]
@@ -70,6 +71,7 @@ def describe_shape(shape):
 
 
 def vectors(values):
+    """Tuples of floats, as LuxCore takes them."""
     return [tuple(float(x) for x in value) for value in values]
 
 
@@ -117,8 +119,8 @@ class LuxCore:
             "bidirvm.startradius.scale": radius / self.scene_radius,
             "bidirvm.alpha": alpha,
         }
-        command = [sys.executable, "-B", str(HERE / "luxcore.py"), str(self.scene), str(self.picture), str(seed), str(SAMPLES)]
-        command += [f"{name}={value}" for name, value in values.items()]
+        command = [sys.executable, "-B", HERE / "luxcore.py", self.scene, self.picture, seed, SAMPLES]
+        command = [str(part) for part in command] + [f"{name}={value}" for name, value in values.items()]
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         if done.returncode != 0:
             raise RuntimeError(f"{' '.join(command)}\nended with status {done.returncode}\n{done.stdout}{done.stderr}")
@@ -147,10 +149,12 @@ class Row:
     def summary(self):
         """relMSE by noise alone, its standard error, and mean seconds by the clock and of processor time."""
         value, error = noise.relative_variance(np.stack(self.pictures), FLOOR)
-        wall, processor = (float(np.mean([getattr(cost, name) for cost in self.costs])) for name in ("wall", "processor"))
+        wall = float(np.mean([cost.wall for cost in self.costs]))
+        processor = float(np.mean([cost.processor for cost in self.costs]))
         return value, error, wall, processor
 
     def mean(self):
+        """Mean of all pixels and channels."""
         return np.mean([picture.mean() for picture in self.pictures])
 
 
@@ -167,8 +171,16 @@ def make_rows(options, scene, luxcore):
     default = Row("Photonfarm", LIGHT_PATHS, ours)
     return [
         default,
-        Row("LuxCore", LUXCORE_LIGHT_PATHS, lambda seed: luxcore.measured(seed, LUXCORE_LIGHT_PATHS, theirs, LUXCORE_ALPHA)),
-        Row("Photonfarm, LuxCore's radius", LIGHT_PATHS, lambda seed: ours(seed, sigma1=theirs, alpha=LUXCORE_ALPHA)),
+        Row(
+            "LuxCore",
+            LUXCORE_LIGHT_PATHS,
+            lambda seed: luxcore.measured(seed, LUXCORE_LIGHT_PATHS, theirs, LUXCORE_ALPHA),
+        ),
+        Row(
+            "Photonfarm, LuxCore's radius",
+            LIGHT_PATHS,
+            lambda seed: ours(seed, sigma1=theirs, alpha=LUXCORE_ALPHA),
+        ),
         Row(
             "LuxCore, Photonfarm's radius and light paths",
             LIGHT_PATHS,
@@ -187,7 +199,7 @@ def print_table(rows):
         value, error, wall, processor = row.summary()
         first, last = row.radii
         print(
-            f"| {row.name} | {row.light_paths:,} | {first:.4f} to {last:.4f} | {value:.3f} ({error:.3f}) | {wall:.1f} "
+            f"| {row.name} | {row.light_paths:,} | {first:.4f} to {last:.4f} | {value:.4f} ({error:.4f}) | {wall:.1f} "
             f"| {processor:.1f} | {value * wall:.2f} | {value * processor:.2f} | {row.mean():.4f} |"
         )
     print()
@@ -198,7 +210,10 @@ def print_table(rows):
         ("Photonfarm's radius", ours, luxcore_wide),
     ]:
         clock, processor = a[0] * a[2] / (b[0] * b[2]), a[0] * a[3] / (b[0] * b[3])
-        print(f"- With {what}, Photonfarm's product over LuxCore's: {clock:.2f} by the clock, {processor:.2f} by processor time.")
+        print(
+            f"- With {what}, Photonfarm's product over LuxCore's: {clock:.2f} by the clock, "
+            f"{processor:.2f} by processor time."
+        )
 
 
 def main():

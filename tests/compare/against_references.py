@@ -136,7 +136,7 @@ def shrink(picture, height, width):
 
 
 def changed_copy(scene, changes, copy):
-    """The scene in a copy of its folder, made once, with each pattern replaced by what stands beside it in `changes`."""
+    """The scene in a copy of its folder, made once; `changes` are patterns and what takes their place."""
     if not copy.exists():
         shutil.copytree(scene.parent, copy, ignore=shutil.ignore_patterns("*.exr"))
         text = scene.read_text()

@@ -46,6 +46,7 @@ def material(name, shape):
 
 
 def build(description):
+    """The scene, from what `against_luxcore.py` writes."""
     scene = pyluxcore.Scene()
     camera = description["camera"]
     values = {
@@ -64,6 +65,7 @@ def build(description):
 
 
 def configuration(description, seed, samples):
+    """LuxCore's settings, without a filter and without a tone curve; the command line may change any."""
     return {
         "renderengine.type": "BIDIRVMCPU",
         "renderengine.seed": seed,
@@ -84,6 +86,7 @@ def configuration(description, seed, samples):
 
 
 def processor_seconds():
+    """User and system time of all threads so far."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 

@@ -77,7 +77,7 @@ def median_ratio(a, b, size):
 
 
 def relative_variance(pictures, floor):
-    """relMSE by noise alone: each pixel's variance over (its squared mean + `floor`), averaged over pixels and channels.
+    """relMSE by noise alone: the mean over pixels and channels of variance over (squared mean + `floor`).
 
     Returns it for one render, and its standard error, which takes the first axis for independent renders. A pixel
     cannot count for more than the number of renders, which is what one that is lit in a single render comes to: noise

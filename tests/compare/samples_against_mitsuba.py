@@ -54,12 +54,14 @@ def main():
         costs["mitsuba"].append(mitsuba_cost(loaded, seed))
         for name, settings in INTEGRATORS.items():
             iterations = SAMPLES // settings["samples"]
-            costs[name].append(photonfarm.measured(path, defines, name, settings, iterations, seed, THREADS)[1])
+            _, cost, _ = photonfarm.measured(path, defines, name, settings, iterations, seed, THREADS)
+            costs[name].append(cost)
     print(
-        f"cbox, {SIZE} x {SIZE}, {SAMPLES} samples per pixel, at most {DEPTH} edges, {THREADS} threads; millions of samples "
-        f"per second, medians of {options.renders} renders in turn, and of their ratios:\n"
+        f"cbox, {SIZE} x {SIZE}, {SAMPLES} samples per pixel, at most {DEPTH} edges, {THREADS} threads; millions of "
+        f"samples per second, medians of {options.renders} renders in turn, and of their ratios:\n"
     )
-    print("| renderer | by the clock | over Mitsuba's | by processor time | over Mitsuba's |\n| --- | --- | --- | --- | --- |")
+    print("| renderer | by the clock | over Mitsuba's | by processor time | over Mitsuba's |")
+    print("| --- | --- | --- | --- | --- |")
     for name, label in {"mitsuba": "Mitsuba `path`", "path": "`path`", "bdpt": "`bdpt`"}.items():
         cells = []
         for kind in ("wall", "processor"):
