@@ -36,6 +36,8 @@ FLOOR = 0.01
 LUXCORE_LIGHT_PATHS, LUXCORE_RADIUS_SCALE, LUXCORE_ALPHA = 16384, 0.003, 0.95
 # Photonfarm's default.
 ALPHA = 2 / 3
+# A pixel this bright shows the lamp, of radiance 541,127: in 8 samples of 6 renders one hit makes it 11,000.
+LAMP = 1000
 # LuxCore's surfaces have two sides, and without a filter each of its samples counts for the pixel in which it lies.
 SAME_AS_LUXCORE = [*CHANGES["two-sided"], (r'<rfilter type="tent"/>', '<rfilter type="box"/>')]
 
@@ -154,8 +156,9 @@ class Row:
         return value, error, wall, processor
 
     def mean(self):
-        """Mean of all pixels and channels."""
-        return np.mean([picture.mean() for picture in self.pictures])
+        """Mean of pixels and channels but for those in which a camera ray hit the lamp itself, which is rare."""
+        mean = np.mean(self.pictures, 0)
+        return mean[mean.max(-1) < LAMP].mean()
 
 
 def make_rows(options, scene, luxcore):
