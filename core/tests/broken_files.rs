@@ -228,8 +228,8 @@ fn broken_images_name_their_file() {
     for (name, bytes, kind, fragment) in [
         ("a.png", png[..40].to_vec(), "Data", "broken Png image"),
         ("a.png", huge_png, "Limit", "number of texels"),
-        ("a.png", b"GIF89a".to_vec(), "Data", "allowed: OpenEXR, PNG"),
-        ("a.png", Vec::new(), "Data", "allowed: OpenEXR, PNG"),
+        ("a.png", b"GIF89a".to_vec(), "Data", "allowed: OpenEXR, PFM, PNG"),
+        ("a.png", Vec::new(), "Data", "allowed: OpenEXR, PFM, PNG"),
         (
             "a.jpg",
             image_of(ImageFormat::Jpeg)[..30].to_vec(),
