@@ -136,7 +136,7 @@ fn run_method(scene: &Scene, method: &'static str, budget: f64, truth: &Truth) -
 
 /// Writes `equal-time.md`, `equal-time.csv` and pictures to the folder `options.out`.
 pub(crate) fn run(options: &Options) -> Result<()> {
-    let (budget, truth_budget) = if options.small { (0.4, 2.0) } else { (16.0, 120.0) };
+    let (budget, truth_budget) = if options.small { (0.4, 2.0) } else { (12.0, 72.0) };
     let mut page = Page::default();
     introduce(options, &mut page, budget, truth_budget);
     let (mut rows, mut charts) = (Vec::new(), Vec::new());
