@@ -93,7 +93,7 @@ impl Column {
             }),
             Self::Bdpt => IntegratorSettings::Bdpt(BdptSettings {
                 photons,
-                samples: 4,
+                samples: 64,
                 sampling: Sampling::Independent,
                 max_depth,
                 ..Default::default()
