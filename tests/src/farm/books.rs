@@ -64,12 +64,13 @@ impl Stores {
         }
     }
 
-    /// Two hours pass for the images: those that nobody counted are old enough then for a coordinator to remove them.
+    /// Two days pass for the images: those that nobody counted, and what a coordinator was writing when it was killed, are old enough
+    /// then for a coordinator to remove them.
     ///
     /// # Panics
     /// Where the time of a file cannot be set.
     pub fn age(&self) {
-        age(&self.images, SystemTime::now() - Duration::from_secs(7200));
+        age(&self.images, SystemTime::now() - Duration::from_secs(2 * 24 * 3600));
     }
 
     /// Nobody uses the stores now. Every image that counts and every picture is whole and belongs to a known job, and there is

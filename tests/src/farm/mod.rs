@@ -178,7 +178,7 @@ impl Farm {
         self.settle_after(|_| {})
     }
 
-    /// As [`settle`](Self::settle); `later` happens before the first coordinator starts once more, hours later as it
+    /// As [`settle`](Self::settle); `later` happens before the first coordinator starts once more, days later as it
     /// seems, and removes what is left.
     ///
     /// # Panics
