@@ -1,9 +1,10 @@
 //! Camera paths with the light that they find by scattering and by connections with lights, of which each counts with its share.
 
 use crate::geometry::{Ray, SurfacePoint};
-use crate::math::Vec3;
+use crate::math::{DVec2, Vec3};
 use crate::path::{Scattered, Tracer, Vertex, Walk, power_heuristic};
 use crate::random::PathRandom;
+use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 
 /// How light counts that the next edge finds.
@@ -46,6 +47,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     }
 
     /// Traces the next edge, adds the light that it finds, and gives the vertex where it ends; `None` where it leaves the scene.
+    #[inline(always)]
     pub(super) fn next_vertex(&mut self) -> Option<Vertex> {
         let point = self.trace_edge()?;
         Some(self.walk.arrive(self.tracer.scene, point))
@@ -57,31 +59,29 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         self.radiance
     }
 
+    #[inline(always)]
     fn trace_edge(&mut self) -> Option<SurfacePoint> {
         let hit = self.walk.advance(self.tracer);
-        self.radiance += self.walk.beta * self.emission(hit.as_ref());
+        let emission = self
+            .found
+            .emission(self.tracer.scene, self.walk.ray.direction, hit.as_ref());
+        self.radiance += self.walk.beta * emission;
         hit
     }
 
     /// Adds direct light at a vertex by one connection with a light. A path of as many edges as it may have is connected with none.
+    #[inline(always)]
     pub(super) fn add_next_event(&mut self, vertex: &Vertex) {
         if vertex.edges == self.max_edges || vertex.is_delta() {
             return;
         }
         let (choice, u) = (self.random.next_choice(), self.random.next_choice_2d());
-        let Some((light, f)) = self.tracer.connect_with_light(vertex, choice, u) else {
-            return;
-        };
-        let share = if light.delta {
-            1.0
-        } else {
-            power_heuristic(light.pdf, vertex.pdf(light.wi))
-        };
-        self.radiance += vertex.beta * (f * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf));
+        self.radiance += vertex.beta * direct_light(self.tracer, vertex, choice, u);
     }
 
     /// Goes on in a direction sampled at the vertex; `None` where the path ends there. Light that the next edge finds counts beside
     /// [`Self::add_next_event`].
+    #[inline(always)]
     pub(super) fn go_on(&mut self, vertex: &Vertex) -> Option<Scattered> {
         if vertex.edges == self.max_edges {
             return None;
@@ -101,16 +101,17 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     pub(super) fn count_no_light_on_next_edge(&mut self) {
         self.found = Found::No;
     }
+}
 
-    /// Light emitted back along the edge by what it found, with its share.
-    fn emission(&self, hit: Option<&SurfacePoint>) -> Spectrum {
-        let (from, pdf) = match self.found {
-            Found::No => return Spectrum::ZERO,
-            Found::InFull => (None, 1.0),
-            Found::WithShare { from, pdf } => (Some(from), pdf),
+impl Found {
+    /// Light emitted against `direction` by what an edge hit, or by what surrounds the scene, with its share.
+    fn emission(&self, scene: &Scene, direction: Vec3, hit: Option<&SurfacePoint>) -> Spectrum {
+        let (from, pdf) = match self {
+            Self::No => return Spectrum::ZERO,
+            Self::InFull => (None, 1.0),
+            Self::WithShare { from, pdf } => (Some(*from), *pdf),
         };
-        let scene = self.tracer.scene;
-        let (lights, direction) = (&scene.lights, self.walk.ray.direction);
+        let lights = &scene.lights;
         let light = hit.map(|point| (scene.light_at(point), point));
         let radiance = match light {
             None => lights.background(direction),
@@ -126,4 +127,25 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         };
         radiance * power_heuristic(pdf, light_pdf)
     }
+}
+
+/// Radiance towards the camera at a vertex by a connection with the point of a light that `choice` and `u` choose, with its share.
+fn direct_light(tracer: &mut Tracer, vertex: &Vertex, choice: f64, u: DVec2) -> Spectrum {
+    let Some(light) = tracer.sample_light(vertex, choice, u) else {
+        return Spectrum::ZERO;
+    };
+    let f = vertex.eval(light.wi);
+    if f.is_black() {
+        return f;
+    }
+    let transmittance = tracer.transmittance(&vertex.point.shadow_ray(light.wi, light.distance));
+    if transmittance.is_black() {
+        return transmittance;
+    }
+    let share = if light.delta {
+        1.0
+    } else {
+        power_heuristic(light.pdf, vertex.pdf(light.wi))
+    };
+    f * transmittance * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf)
 }

@@ -33,22 +33,11 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Connects a vertex with the light and the point on it that `choice` and `u` select, and f towards it [1/sr] times the
-    /// transmittance; `None` where no light comes along that way.
+    /// A point of a light that a vertex can be connected with, chosen by `choice` and `u`; `None` where no light comes along that way. What
+    /// lies between is not looked at.
     #[inline]
-    pub(crate) fn connect_with_light(
-        &mut self,
-        vertex: &Vertex,
-        choice: f64,
-        u: DVec2,
-    ) -> Option<(LightSample, Spectrum)> {
+    pub(crate) fn sample_light(&self, vertex: &Vertex, choice: f64, u: DVec2) -> Option<LightSample> {
         let Scene { lights, geometry, .. } = self.scene;
-        let light = lights.sample_direct(geometry, vertex.point.position, choice, u)?;
-        let f = vertex.eval(light.wi);
-        if f.is_black() {
-            return None;
-        }
-        let f = f * self.transmittance(&vertex.point.shadow_ray(light.wi, light.distance));
-        (!f.is_black()).then_some((light, f))
+        lights.sample_direct(geometry, vertex.point.position, choice, u)
     }
 }

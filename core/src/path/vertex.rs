@@ -53,6 +53,7 @@ impl Scattered {
 
 impl Vertex {
     /// The first vertex of a subpath that comes along `-wo` and carries 1.
+    #[inline(always)]
     pub(crate) fn new(scene: &Scene, point: SurfacePoint, wo: Vec3, mode: TransportMode) -> Self {
         let wo_local = point.frame.to_local(wo);
         Self {

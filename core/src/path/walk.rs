@@ -60,7 +60,7 @@ impl Walk {
     }
 
     /// The vertex at the end of the edge.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn arrive(&mut self, scene: &Scene, point: SurfacePoint) -> Vertex {
         let mut vertex = Vertex::new(scene, point, -self.ray.direction, self.mode);
         if self.mode == TransportMode::Flux {
@@ -73,7 +73,7 @@ impl Walk {
 
     /// Goes on in a direction sampled at the last vertex, unless Russian roulette ends the subpath there. Roulette goes by all that a
     /// camera subpath carries, and by the share that a light subpath keeps at the vertex.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn go_on(&mut self, vertex: &Vertex, scattered: &Scattered, random: &mut PathRandom) -> bool {
         self.ray = vertex.point.ray_towards(scattered.wi);
         let young = self.edges < ROULETTE_EDGES;

@@ -167,9 +167,7 @@ impl PathRandom {
         self.dimension += 1;
         let upper = match &self.source {
             Source::Point(point) if self.dimension <= SOBOL_DRAWS => point.coordinate(self.dimension),
-            Source::Vector(vector) if self.dimension <= vector.len() as u64 => {
-                upper(vector[self.dimension as usize - 1].x)
-            }
+            Source::Vector(vector) => self.pair_of(vector)[0],
             _ => (self.bits() >> 32) as u32,
         };
         (upper >> 8) as f32 * UNIT
@@ -208,15 +206,24 @@ impl PathRandom {
         self.dimension += 1;
         match &self.source {
             Source::Point(point) if self.dimension <= SOBOL_DRAWS => point.pair(self.dimension),
-            Source::Vector(vector) if self.dimension <= vector.len() as u64 => {
-                let draw = vector[self.dimension as usize - 1];
-                [upper(draw.x), upper(draw.y)]
-            }
-            _ => {
-                let bits = self.bits();
-                [(bits >> 32) as u32, bits as u32]
-            }
+            Source::Vector(vector) => self.pair_of(vector),
+            _ => self.independent_pair(),
         }
+    }
+
+    /// The upper 32 bits of both numbers of a draw from a vector. Nothing draws so often from one that its code should stand in the
+    /// way of the other sources'.
+    #[cold]
+    fn pair_of(&self, vector: &[DVec2]) -> [u32; 2] {
+        match vector.get(self.dimension as usize - 1) {
+            Some(draw) => [upper(draw.x), upper(draw.y)],
+            None => self.independent_pair(),
+        }
+    }
+
+    fn independent_pair(&self) -> [u32; 2] {
+        let bits = self.bits();
+        [(bits >> 32) as u32, bits as u32]
     }
 
     fn bits(&self) -> u64 {

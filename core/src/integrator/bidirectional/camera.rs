@@ -131,10 +131,13 @@ impl<'a> Estimator<'a> {
     /// Direct light at the end of a camera path by a connection with a point of a light (`s = 1`).
     fn next_event(&self, tracer: &mut Tracer, end: &End, choice: f64, u: DVec2) -> Spectrum {
         let vertex = &end.vertex;
-        let Some((light, f)) = tracer.connect_with_light(vertex, choice, u) else {
+        let Some(light) = tracer.sample_light(vertex, choice, u) else {
             return Spectrum::ZERO;
         };
-        let Towards { pdf, pdf_rev, .. } = vertex.towards(light.wi);
+        let Towards { f, pdf, pdf_rev } = vertex.towards(light.wi);
+        if f.is_black() {
+            return f;
+        }
         let found = match light.delta {
             false if self.plan.techniques.hit => pdf / light.pdf,
             _ => 0.0,
@@ -142,11 +145,12 @@ impl<'a> Estimator<'a> {
         let more_light = end.partial.over_connection(
             light.arrival * vertex.cos_geometric(light.wi),
             pdf_rev,
-            self.camera_edges.of(end.vertex.edges),
+            self.camera_edges.of(vertex.edges),
             self.merges,
         );
         let share = self.share(found + more_light);
-        f * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf)
+        let value = f * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf);
+        value * tracer.transmittance(&vertex.point.shadow_ray(light.wi, light.distance))
     }
 
     /// Connects the ends of a camera path and of a light path.
