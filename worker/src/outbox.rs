@@ -21,7 +21,7 @@ const DAMAGED_ATTEMPTS: u32 = 4;
 
 /// Whether work was left on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kept {
+pub(crate) enum LeftOnDisk {
     /// All was delivered, or is void.
     Nothing,
     /// Something waits for the next start.
@@ -38,9 +38,9 @@ pub(crate) struct Courier {
 
 impl Courier {
     /// Delivers what an earlier process has kept, then finished work in its order, until there is no more.
-    pub(crate) async fn carry(self, mut parcels: mpsc::Receiver<Parcel>) -> Kept {
+    pub(crate) async fn carry(self, mut parcels: mpsc::Receiver<Parcel>) -> LeftOnDisk {
         self.deliver_kept().await;
-        let mut kept = Kept::Nothing;
+        let mut kept = LeftOnDisk::Nothing;
         while let Some(parcel) = parcels.recv().await {
             if deliver(&self.client, &self.held, &parcel, &self.give_up).await {
                 continue;
@@ -48,7 +48,7 @@ impl Courier {
             let Lease { job, node, .. } = parcel.lease;
             match self.cache.keep(self.client.coordinator(), &parcel) {
                 Ok(path) => {
-                    kept = Kept::Work;
+                    kept = LeftOnDisk::Work;
                     tracing::info!(%job, %node, path = %path.display(), "finished work is kept for the next start");
                 }
                 Err(error) => {

@@ -8,7 +8,7 @@ use crate::credentials::Credentials;
 use crate::drain::Stop;
 use crate::held::{Abandon, Held, LeaseState};
 use crate::notices::Notices;
-use crate::outbox::{Courier, Kept};
+use crate::outbox::{Courier, LeftOnDisk};
 use crate::parcel::{self, Farewell, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use futures_util::FutureExt;
@@ -249,7 +249,7 @@ impl Worker {
         }
         drop(outbox);
         // Leases of which work is kept on disk go on, so that it may count when it is delivered.
-        if matches!(courier.await, Ok(Kept::Nothing)) {
+        if matches!(courier.await, Ok(LeftOnDisk::Nothing)) {
             self.leave(terms.worker).await;
         }
         Ok(())

@@ -29,7 +29,7 @@ pub struct SchedulerConfig {
     /// are with the probability of this number over that of the nodes confirmed. 0: nodes are never repeated.
     pub verify_until: u32,
     /// What nonces of leases and the choice of nodes to repeat depend on, unknown to workers.
-    pub secret: Secret,
+    pub secret: NonceKey,
     /// Faults in a row that put a worker into quarantine.
     pub max_faults: u32,
     /// A worker silent for this long counts no more [ms].
@@ -51,7 +51,7 @@ impl Default for SchedulerConfig {
             retry_ms: 1_000,
             longest_retry_ms: 60_000,
             verify_until: 0,
-            secret: Secret::default(),
+            secret: NonceKey::default(),
             max_faults: 3,
             forget_worker_ms: 600_000,
             most_workers: 16_384,
@@ -76,9 +76,9 @@ impl SchedulerConfig {
 
 /// Random bits that no worker learns. Their debug text hides them.
 #[derive(Clone, Default, PartialEq, Eq)]
-pub struct Secret(pub [u8; 32]);
+pub struct NonceKey(pub [u8; 32]);
 
-impl Secret {
+impl NonceKey {
     /// A number that nobody can foresee who does not know the secret: a keyed hash of the numbers given.
     pub(super) fn number<const N: usize>(&self, of: [u64; N]) -> u64 {
         let mut hasher = blake3::Hasher::new_keyed(&self.0);
@@ -89,8 +89,8 @@ impl Secret {
     }
 }
 
-impl fmt::Debug for Secret {
+impl fmt::Debug for NonceKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Secret")
+        f.write_str("NonceKey")
     }
 }

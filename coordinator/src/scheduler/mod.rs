@@ -38,7 +38,7 @@ mod tests;
 mod verify;
 mod workers;
 
-pub use config::{SchedulerConfig, Secret};
+pub use config::{NonceKey, SchedulerConfig};
 pub use deliver::{Delivered, Delivery};
 pub use figures::Figures;
 pub use grant::Asked;

@@ -38,7 +38,7 @@ pub use retention::Keep;
 pub(crate) use scenes::SceneFile;
 
 use crate::scheduler::record::{Change, Millis};
-use crate::scheduler::{Decision, Farm, Job, Refusal, SchedulerConfig, Secret};
+use crate::scheduler::{Decision, Farm, Job, NonceKey, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore, StoreError};
 use clock::Clock;
 use photonfarm_proto::api::FarmIdentity;
@@ -411,11 +411,11 @@ impl Service {
     }
 }
 
-fn secret() -> Result<Secret, Problem> {
+fn secret() -> Result<NonceKey, Problem> {
     let mut bits = [0; 32];
     getrandom::fill(&mut bits).map_err(|error| {
         tracing::error!(%error, "the system gives no random numbers");
         Problem::new(ErrorCode::Internal, "the system gives no random numbers")
     })?;
-    Ok(Secret(bits))
+    Ok(NonceKey(bits))
 }

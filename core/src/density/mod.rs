@@ -1,6 +1,6 @@
 //! Density estimates: what photons, cones and importons are found by, and how wide kernels are.
 //!
-//! [`schedule`] has the widths of kernels. The bandwidth of an iteration is one number for all queries, or at least has an upper bound, so that
+//! [`kernel`] has the kernels and [`schedule`] their widths. The bandwidth of an iteration is one number for all queries, or at least has an upper bound, so that
 //! maps are built for it: records are sorted into cells as wide as the radius ([`grid`]). Blocks of 4 x 4 x 4 cells are found in a hash table and lie in
 //! memory along a curve that fills space ([`blocks`], [`sort`]). There are two maps:
 //!
@@ -16,6 +16,7 @@ mod cones;
 mod direction;
 mod grid;
 mod groups;
+mod kernel;
 mod occupancy;
 mod points;
 mod scan;
@@ -26,6 +27,7 @@ pub use candidates::{Candidate, Candidates, QueryCell};
 pub use cones::{Cone, ConeMap};
 pub use direction::{decode_direction, encode_direction};
 pub use groups::Groups;
+pub use kernel::{KernelShape, cone_height, disc_height};
 pub use occupancy::Occupancy;
 pub use points::{NearPoints, Payload, Point, PointMap};
 

@@ -394,6 +394,26 @@ fn trace_pixels<'a, T: Send>(
     Ok((sums, lists))
 }
 
+/// What a query of a map of points found.
+struct Found {
+    /// Index of its pixel, row by row from the top left.
+    pixel: u32,
+    /// What it adds to the sum of the pixel's camera paths.
+    value: Spectrum,
+    /// Points that were looked at, and that counted.
+    read: u64,
+    counted: u32,
+}
+
+impl Found {
+    /// Adds it to its pixel's sum.
+    fn add_to(&self, sums: &mut [Spectrum], counts: &mut Counts) {
+        sums[self.pixel as usize] += self.value;
+        counts.records_read += self.read;
+        counts.records_counted += u64::from(self.counted);
+    }
+}
+
 /// Averages `samples` estimates for each pixel.
 fn render_pixels<'a>(
     job: &Job<'a>,

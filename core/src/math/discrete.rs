@@ -102,10 +102,15 @@ fn push_cumulative(cumulative: &mut Vec<f64>, weights: impl Iterator<Item = f64>
 
 /// The entry for the uniform number `u` by bisection, and a new uniform number; some entry has a weight.
 fn sample_cumulative(cumulative: &[f64], u: f64) -> (usize, f32) {
-    let index = cumulative.partition_point(|c| *c <= u).min(cumulative.len() - 1);
+    let index = entry(cumulative, |probability| *probability <= u);
     let below = below(cumulative, index);
     let rest = (u - below) / (cumulative[index] - below);
     (index, to_unit_f32(rest))
+}
+
+/// The first entry whose probability, with that of all before it, is not below the number that is looked for, or the last one.
+fn entry(cumulative: &[f64], is_below: impl FnMut(&f64) -> bool) -> usize {
+    cumulative.partition_point(is_below).min(cumulative.len() - 1)
 }
 
 /// The probability of the entries before `index`.
@@ -135,6 +140,24 @@ mod tests {
         assert!(last == 3 && rest < 1.0);
         assert_eq!(Discrete::new([0.0, 0.0].into_iter()).sample(0.5), None);
         assert_eq!(Discrete::new(std::iter::empty()).sample(0.5), None);
+    }
+
+    /// A choice among `n` looks at `log2 n` entries, rounded up, and one more.
+    #[test]
+    fn choosing_takes_steps_by_the_logarithm() {
+        for bits in [0, 7, 17, 20] {
+            let entries = 1_usize << bits;
+            let discrete = Discrete::new(std::iter::repeat_n(1.0, entries));
+            for u in [0.0, 0.3, 0.5, LAST] {
+                let mut looked_at = 0;
+                let chosen = entry(&discrete.cumulative, |probability| {
+                    looked_at += 1;
+                    *probability <= u
+                });
+                assert_eq!(chosen, (u * entries as f64) as usize);
+                assert!(looked_at <= bits + 1, "{looked_at} of {entries} entries");
+            }
+        }
     }
 
     /// How many of the [`GRID`] uniform numbers choose each entry. The entry does not decrease with the number, so that

@@ -2,6 +2,7 @@
 
 use super::error::{Place, SceneError, within};
 use super::faults::FileFaults;
+use super::linear_image::LinearImage;
 use super::loader::LoadedFile;
 use super::pfm;
 use crate::math::pow;
@@ -14,14 +15,6 @@ use std::io::Cursor;
 const CHANNELS: usize = 64;
 /// How OpenEXR files begin.
 const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
-
-/// Pixels in linear colour, row by row from the top left. All are finite and none is negative.
-#[derive(Debug)]
-pub(crate) struct LinearImage {
-    pub(crate) width: usize,
-    pub(crate) height: usize,
-    pub(crate) texels: Vec<Spectrum>,
-}
 
 /// Whether an image holds integers, which are sRGB values as a rule, and not linear floats.
 pub(crate) fn is_encoded(bytes: &[u8]) -> bool {

@@ -12,6 +12,7 @@ mod files;
 mod image;
 mod lamps;
 mod limits;
+mod linear_image;
 mod loader;
 mod mesh;
 mod pfm;

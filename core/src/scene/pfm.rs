@@ -3,7 +3,7 @@
 //! Image Format").
 
 use super::error::{Place, SceneError};
-use super::image::LinearImage;
+use super::linear_image::LinearImage;
 use super::loader::LoadedFile;
 use crate::spectrum::Spectrum;
 

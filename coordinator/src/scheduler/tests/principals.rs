@@ -131,10 +131,10 @@ fn only_the_token_that_registered_a_worker_speaks_for_it() {
 #[test]
 fn nonces_of_leases_cannot_be_foreseen_and_are_needed() {
     let mut farm = farm_of(&[rack("10.0.0.1")]);
-    farm.config.secret = Secret([1; 32]);
+    farm.config.secret = NonceKey([1; 32]);
     let lease = grant(&mut farm, 1, &[], 0).unwrap();
     let mut other = farm_of(&[rack("10.0.0.1")]);
-    other.config.secret = Secret([2; 32]);
+    other.config.secret = NonceKey([2; 32]);
     assert_ne!(grant(&mut other, 1, &[], 0).unwrap().token.nonce, lease.token.nonce);
     let mut guessed = delivery(&lease, lease.node);
     guessed.token.nonce ^= 1;

@@ -8,7 +8,7 @@ const JOB: JobId = JobId(1);
 fn farm_of(iterations: u32, workers: u64, verify_until: u32) -> Farm {
     let config = SchedulerConfig {
         verify_until,
-        secret: Secret([3; 32]),
+        secret: NonceKey([3; 32]),
         retry_ms: 0,
         longest_retry_ms: 0,
         ..SchedulerConfig::default()

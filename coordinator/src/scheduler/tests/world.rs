@@ -119,7 +119,7 @@ impl World {
         };
         let config = SchedulerConfig {
             verify_until,
-            secret: Secret([seed as u8; 32]),
+            secret: NonceKey([seed as u8; 32]),
             ..SchedulerConfig::default()
         };
         let mut world = Self {

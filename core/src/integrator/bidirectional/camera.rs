@@ -1,19 +1,12 @@
 //! Camera subpaths: what they find, and what they are connected and merged with.
 
-use super::light::{LightPaths, LightVertex};
+use super::light::LightPaths;
 use super::merge::MergeQuery;
-use super::{Estimator, Spectrum};
+use super::{End, Estimator, Spectrum};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
 use crate::math::{DVec2, FRAC_1_PI, sqr};
-use crate::path::{Partial, Towards, Tracer, Vertex, Walk};
-
-/// The end of a camera subpath.
-#[derive(Clone, Copy)]
-pub(super) struct End {
-    pub(super) vertex: Vertex,
-    pub(super) partial: Partial,
-}
+use crate::path::{Partial, Towards, Tracer, Walk};
 
 impl<'a> Estimator<'a> {
     /// Estimates the radiance along a camera ray but for merges, which it asks for in `merges`.
@@ -154,7 +147,7 @@ impl<'a> Estimator<'a> {
     }
 
     /// Connects the ends of a camera path and of a light path.
-    fn connect(&self, tracer: &mut Tracer, end: &End, other: &LightVertex) -> Spectrum {
+    fn connect(&self, tracer: &mut Tracer, end: &End, other: &End) -> Spectrum {
         let (camera, light) = (&end.vertex, &other.vertex);
         let offset = light.point.position - camera.point.position;
         let distance2 = offset.length_squared();

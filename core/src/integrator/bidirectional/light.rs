@@ -1,22 +1,15 @@
 //! Light subpaths: their vertices, which camera paths are connected and merged with, and what they give to pixels themselves.
 
 use super::merge::MergePayload;
-use super::{Counts, Estimator, Observer, RenderError, Splat};
+use super::{Counts, End, Estimator, Observer, RenderError, Splat};
 use crate::density::{Point, count_edges};
 use crate::integrator::light_paths::{self, CHUNK};
 use crate::light::{EmissionSample, Origin};
 use crate::math::sqr;
-use crate::path::{Partial, Towards, Tracer, Vertex, Walk};
+use crate::path::{Partial, Towards, Tracer, Walk};
 use crate::random::{PathRandom, Stream};
 use crate::sensor::SensorSample;
 use crate::spectrum::Spectrum;
-
-/// A vertex of a light path that camera paths can be connected with.
-#[derive(Clone, Copy)]
-pub(super) struct LightVertex {
-    pub(super) vertex: Vertex,
-    pub(super) partial: Partial,
-}
 
 /// The light paths of an iteration, in chunks of [`CHUNK`].
 pub(super) struct LightPaths {
@@ -25,7 +18,7 @@ pub(super) struct LightPaths {
 
 #[derive(Default)]
 pub(super) struct Chunk {
-    vertices: Vec<LightVertex>,
+    vertices: Vec<End>,
     /// For each path, where its vertices end.
     ends: Vec<u32>,
     merge_points: Vec<Point<MergePayload>>,
@@ -34,14 +27,14 @@ pub(super) struct Chunk {
 
 #[cfg(test)]
 impl Chunk {
-    pub(super) fn vertices(&self) -> &[LightVertex] {
+    pub(super) fn vertices(&self) -> &[End] {
         &self.vertices
     }
 }
 
 impl LightPaths {
     /// Vertices of a path that are no delta functions.
-    pub(super) fn vertices(&self, path: u32) -> &[LightVertex] {
+    pub(super) fn vertices(&self, path: u32) -> &[End] {
         let chunk = &self.chunks[(path / CHUNK) as usize];
         let index = (path % CHUNK) as usize;
         let start = index.checked_sub(1).map_or(0, |before| chunk.ends[before]);
@@ -121,15 +114,17 @@ impl Estimator<'_> {
             }
             partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
             if !vertex.is_delta() {
-                let end = LightVertex { vertex, partial };
+                let end = End { vertex, partial };
                 self.connect_with_lens(tracer, &end, &mut self.lens_random(path, edges), out);
                 if self.merge_radius.is_some() {
                     let payload = MergePayload {
                         wi: vertex.wo,
                         flux: vertex.beta,
                         edges: count_edges(edges),
-                        edge: partial.edge * self.light_edges.of(edges),
-                        before: partial.before,
+                        partial: Partial {
+                            edge: partial.edge * self.light_edges.of(edges),
+                            ..partial
+                        },
                     };
                     out.merge_points.push(Point {
                         position: point.position,
@@ -172,7 +167,7 @@ impl Estimator<'_> {
     }
 
     /// Connects the end of a light path with the lens (`t = 1`).
-    fn connect_with_lens(&self, tracer: &mut Tracer, end: &LightVertex, random: &mut PathRandom, out: &mut Chunk) {
+    fn connect_with_lens(&self, tracer: &mut Tracer, end: &End, random: &mut PathRandom, out: &mut Chunk) {
         let vertex = &end.vertex;
         if !self.uses(vertex.edges + 1, 1) {
             return;

@@ -1,9 +1,9 @@
 //! Merging: the end of a camera path takes the light paths that end near it for its own.
 
-use super::camera::End;
-use super::{Estimator, Observer, RenderError};
-use crate::density::{NearPoints, PointMap, count_edges, radius_at};
-use crate::math::{PI, Vec3, sqr};
+use super::{End, Estimator, Observer, RenderError};
+use crate::density::{NearPoints, PointMap, count_edges, disc_height, radius_at};
+use crate::integrator::Found;
+use crate::math::Vec3;
 use crate::path::{Partial, Towards};
 use crate::spectrum::Spectrum;
 
@@ -14,9 +14,8 @@ pub(super) struct MergePayload {
     pub(super) wi: Vec3,
     /// Flux that arrives [W], corrected for the shading normal.
     pub(super) flux: Spectrum,
-    /// The path's sums ([`Partial`]), the first times how often the edge is connected.
-    pub(super) edge: f32,
-    pub(super) before: f32,
+    /// The path's sums, that of its edge times how often the edge is connected.
+    pub(super) partial: Partial,
     /// From the light.
     pub(super) edges: u8,
 }
@@ -28,16 +27,6 @@ pub(super) struct MergeQuery {
     pub(super) pixel: u32,
 }
 
-/// What a query found.
-pub(super) struct Merged {
-    pub(super) pixel: u32,
-    /// What it adds to the pixel.
-    pub(super) value: Spectrum,
-    /// Ends of light paths that were looked at, and that were merged with.
-    pub(super) read: u64,
-    pub(super) counted: u64,
-}
-
 impl Estimator<'_> {
     /// Merges the ends of camera paths with all light paths that end within `radius` of them, in an order that depends on the ends alone.
     pub(super) fn merge(
@@ -46,7 +35,7 @@ impl Estimator<'_> {
         map: &PointMap<MergePayload>,
         radius: f32,
         observer: &dyn Observer,
-    ) -> Result<Vec<Vec<Merged>>, RenderError> {
+    ) -> Result<Vec<Vec<Found>>, RenderError> {
         let disc = |query: &MergeQuery| {
             let position = query.end.vertex.point.position;
             (position, radius_at(radius, position))
@@ -60,7 +49,7 @@ impl Estimator<'_> {
         merged.ok_or(RenderError::Cancelled)
     }
 
-    fn merge_one(&self, query: &MergeQuery, disc: (Vec3, f32), near: &NearPoints<MergePayload>) -> Merged {
+    fn merge_one(&self, query: &MergeQuery, disc: (Vec3, f32), near: &NearPoints<MergePayload>) -> Found {
         let (position, radius) = disc;
         let MergeQuery { end, pixel } = query;
         let vertex = &end.vertex;
@@ -76,18 +65,13 @@ impl Estimator<'_> {
                 return;
             }
             counted += 1;
-            let light = Partial {
-                edge: light_end.edge,
-                before: light_end.before,
-            };
-            let others =
-                light.over_merge(pdf, 1.0, self.merges) + end.partial.over_merge(pdf_rev, camera_edge, self.merges);
+            let others = light_end.partial.over_merge(pdf, 1.0, self.merges)
+                + end.partial.over_merge(pdf_rev, camera_edge, self.merges);
             sum += f * light_end.flux * self.share(others);
         });
-        let paths = self.plan.light_paths as f32;
-        Merged {
+        Found {
             pixel: *pixel,
-            value: vertex.beta * sum * (1.0 / (paths * PI * sqr(radius))),
+            value: vertex.beta * sum * (disc_height(radius) / self.plan.light_paths as f32),
             read,
             counted,
         }

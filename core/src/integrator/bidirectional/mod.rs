@@ -106,6 +106,13 @@ struct Estimator<'a> {
     camera_edges: Edges,
 }
 
+/// A vertex of a subpath that the other side's subpaths can be connected and merged with.
+#[derive(Clone, Copy)]
+struct End {
+    vertex: Vertex,
+    partial: Partial,
+}
+
 /// A path that counts for a pixel other than that of its camera path.
 #[derive(Clone, Copy, Debug)]
 struct Splat {
@@ -135,7 +142,7 @@ pub(super) fn render(job: &Job, plan: Plan, observer: &dyn Observer) -> Result<I
     let mut pixels = Vec::with_capacity(job.pixel_count());
     for pass in job.passes(held, plan.samples) {
         observer.phase(Phase::TraceCamera);
-        let (mut sums, merges) = trace_pixels(
+        let (sums, merges) = trace_pixels(
             job,
             plan.samples,
             pass.clone(),
@@ -143,15 +150,13 @@ pub(super) fn render(job: &Job, plan: Plan, observer: &dyn Observer) -> Result<I
             &mut counts,
             |sample, merges| estimator.radiance(sample, &light, merges),
         )?;
+        pixels.extend(sums);
         if let Some((map, radius)) = &map {
             observer.phase(Phase::ReadMap);
-            for merged in estimator.merge(&merges, map, *radius, observer)?.iter().flatten() {
-                sums[merged.pixel as usize - pass.start] += merged.value;
-                counts.records_read += merged.read;
-                counts.records_counted += merged.counted;
+            for found in estimator.merge(&merges, map, *radius, observer)?.iter().flatten() {
+                found.add_to(&mut pixels, &mut counts);
             }
         }
-        pixels.extend(sums);
     }
     for pixel in &mut pixels {
         *pixel *= 1.0 / plan.samples as f32;

@@ -107,7 +107,7 @@ fn paths_replayed_from_recorded_numbers_have_the_same_bits() {
             if let Some(start) = light_paths::start(&scene, random) {
                 estimator.trace_light_path(&mut tracer, path, &start, random, &mut out);
             }
-            let flux = |end: &light::LightVertex| end.vertex.beta.to_rgb().map(f32::to_bits);
+            let flux = |end: &End| end.vertex.beta.to_rgb().map(f32::to_bits);
             (out.vertices().iter().map(flux).collect::<Vec<_>>(), tracer.rays)
         };
         let mut vertices = 0;

@@ -1,10 +1,10 @@
-//! Kernels: how much a cone counts for a query.
+//! How much a cone counts for a query.
 
 use super::query::{Query, Surface};
-use crate::density::{Candidate, Candidates, LEAST_ANGLE, Reach};
+use crate::density::{Candidate, Candidates, KernelShape, LEAST_ANGLE, Reach, cone_height};
 use crate::integrator::Bandwidth;
-use crate::math::{PI, TAU, Vec3, sqr, warp::one_minus_cos};
-use crate::settings::{KernelShape, PcfSettings};
+use crate::math::{Vec3, sqr};
+use crate::settings::PcfSettings;
 use crate::spectrum::Spectrum;
 
 /// The kernel of an iteration (thesis, section 3.1): a function of the distance and of the angle that integrates to one over
@@ -22,7 +22,7 @@ pub(super) struct Kernel<'a> {
 struct Width {
     theta: f32,
     reach: Reach,
-    /// `1 / (pi sigma^2 2 pi (1 - cos theta))` (thesis, equation 3.6) [1 / (unit^2 sr)].
+    /// Of the box ([`cone_height`]) [1 / (unit^2 sr)].
     height: f32,
 }
 
@@ -31,7 +31,7 @@ impl Width {
         Self {
             theta: bandwidth.theta,
             reach: Reach::new(bandwidth.sigma, bandwidth.theta),
-            height: 1.0 / (PI * sqr(bandwidth.sigma) * TAU * one_minus_cos(bandwidth.theta)),
+            height: cone_height(bandwidth.sigma, bandwidth.theta),
         }
     }
 }
@@ -125,14 +125,9 @@ impl<'a> Kernel<'a> {
         if distance2 >= radius2 {
             return 0.0;
         }
-        let shape = match self.shape {
-            KernelShape::Box => 1.0,
-            KernelShape::Epanechnikov => {
-                let chord2 = (cone.direction() - query.direction).length_squared();
-                // No two directions are further apart than opposite ones.
-                2.0 * (1.0 - distance2 / radius2) * 2.0 * (1.0 - chord2 / reach.chord2().min(4.0)).max(0.0)
-            }
-        };
+        let chord2 = (cone.direction() - query.direction).length_squared();
+        // No two directions are further apart than opposite ones.
+        let shape = self.shape.value(distance2 / radius2, chord2 / reach.chord2().min(4.0));
         shape * (sqr(reach.radius()) / radius2)
     }
 }
@@ -162,7 +157,7 @@ fn on_same_surface(cone: &Candidate, query: &Query, radius: f32) -> bool {
 mod tests {
     use super::*;
     use crate::density::{Cone, ConeMap};
-    use crate::math::warp::square_to_sphere;
+    use crate::math::{PI, warp::square_to_sphere};
     use crate::random::{PathRandom, Stream};
 
     /// Records spread evenly over a square and over all directions, of light paths of one and two edges in turn.

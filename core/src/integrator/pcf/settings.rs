@@ -1,7 +1,7 @@
 //! Settings of `pcf`.
 
-use crate::density::LEAST_ANGLE;
-use crate::density::schedule;
+pub use crate::density::KernelShape;
+use crate::density::{LEAST_ANGLE, schedule};
 use crate::integrator::bandwidth::first_radius;
 use crate::integrator::{Bandwidth, Estimator, Ignored, Integrator, Iteration, Job, Observer, RenderError};
 use crate::random::Sampling;
@@ -246,16 +246,6 @@ pub enum DirectionSampler {
     Camera,
     /// Sample the directions in which camera paths near by need radiance.
     Importon,
-}
-
-/// A kernel's shape, in position and direction alike (thesis, sections 3.1 and 3.7.1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum KernelShape {
-    /// Constant.
-    Box,
-    /// Falling with the square of the distance to zero at the rim.
-    Epanechnikov,
 }
 
 impl TryFrom<serde_json::Value> for LookupVertex {

@@ -12,9 +12,9 @@ pub(super) mod settings;
 
 use super::camera_path::CameraPath;
 use super::light_paths::LightPaths;
-use super::{Counts, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
-use crate::density::{Point, PointMap, count_edges, radius_at};
-use crate::math::{PI, Vec3, sqr};
+use super::{Counts, Found, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
+use crate::density::{Point, PointMap, count_edges, disc_height, radius_at};
+use crate::math::Vec3;
 use crate::path::Vertex;
 use crate::settings::PppmSettings;
 use crate::spectrum::Spectrum;
@@ -75,16 +75,6 @@ struct Query {
     limit: u8,
 }
 
-/// What a query found.
-struct Found {
-    pixel: u32,
-    /// What it adds to the pixel's sum.
-    radiance: Spectrum,
-    /// Photons that were looked at, and that counted.
-    read: u64,
-    photons: u32,
-}
-
 /// Renders an image with photons gathered in a disc of each pixel's own.
 ///
 /// Camera paths are worked through pass by pass: they leave queries, which then read the map in an order in which those that look at the
@@ -103,38 +93,38 @@ pub(super) fn gather_image(
         job.batches.vertices_of_batches
     };
     let mut counts = Counts::default();
+    let photons_of =
+        |batch: &Range<u32>, counts: &mut _| map_photons(job, settings, batch.clone(), discs.widest, observer, counts);
+    let only = match &batches[..] {
+        [all] => Some(photons_of(all, &mut counts)?),
+        _ => None,
+    };
     let mut sums = Vec::with_capacity(job.pixel_count());
-    let mut found = vec![0_u32; job.pixel_count()];
-    let mut map = None;
+    let mut photons = vec![0_u32; job.pixel_count()];
     for pass in job.passes(held, settings.samples) {
         observer.phase(Phase::TraceCamera);
         let (direct, queries) = trace_queries(job, settings, pass, observer, &mut counts)?;
         sums.extend(direct);
         for batch in &batches {
-            let map = match map.take() {
-                Some(only) if batches.len() == 1 => map.insert(only),
-                _ => map.insert(map_photons(
-                    job,
-                    settings,
-                    batch.clone(),
-                    discs.widest,
-                    observer,
-                    &mut counts,
-                )?),
+            let of_batch;
+            let map = match &only {
+                Some(map) => map,
+                None => {
+                    of_batch = photons_of(batch, &mut counts)?;
+                    &of_batch
+                }
             };
             observer.phase(Phase::ReadMap);
-            for of_query in read(map, &queries, settings.photons, discs, observer)?.iter().flatten() {
-                sums[of_query.pixel as usize] += of_query.radiance;
-                found[of_query.pixel as usize] += of_query.photons;
-                counts.records_read += of_query.read;
-                counts.records_counted += u64::from(of_query.photons);
+            for found in read(map, &queries, settings.photons, discs, observer)?.iter().flatten() {
+                found.add_to(&mut sums, &mut counts);
+                photons[found.pixel as usize] += found.counted;
             }
         }
     }
     let samples = settings.samples as f32;
     Ok(Gathered {
         pixels: sums.into_iter().map(|sum| sum * (1.0 / samples)).collect(),
-        photons: found.into_iter().map(|found| found as f32 / samples).collect(),
+        photons: photons.into_iter().map(|count| count as f32 / samples).collect(),
         counts,
     })
 }
@@ -223,18 +213,18 @@ fn read(
         || observer.cancelled(),
         |query, near| {
             let (position, radius) = disc(query);
-            let (mut sum, mut photons) = (Spectrum::ZERO, 0);
+            let (mut sum, mut counted) = (Spectrum::ZERO, 0);
             let read = near.query(position, radius, |photon| {
                 if let Some(radiance) = reflected(photon, query) {
-                    photons += 1;
+                    counted += 1;
                     sum += radiance;
                 }
             });
             Found {
                 pixel: query.pixel,
-                radiance: query.vertex.beta * sum * (1.0 / (light_paths as f32 * PI * sqr(radius))),
+                value: query.vertex.beta * sum * (disc_height(radius) / light_paths as f32),
                 read,
-                photons,
+                counted,
             }
         },
     );
