@@ -1,6 +1,6 @@
 //! The values of a node's image in pieces, as they arrive or are read, and what they may be.
 
-use photonfarm_core::film::{FilmError, VALUES_PER_PIXEL};
+use photonfarm_core::film::{FilmError, VALUES_PER_PIXEL, can_be};
 
 /// The values of little-endian bytes.
 #[must_use]
@@ -73,7 +73,6 @@ impl Pixels {
         let values = bytes
             .chunks_exact(4)
             .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        let can_be = |value: f32| (0.0..f32::INFINITY).contains(&value);
         // All are compared without a branch, many at a time; only where one is bad does it matter which.
         let good = values.clone().fold(true, |good, value| good & can_be(value));
         if !good && self.bad.is_none() {

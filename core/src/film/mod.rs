@@ -20,6 +20,14 @@ pub struct FilmSettings {
 /// Values of each pixel of a [`Node`]: the sum of radiance, channel by channel, and the squared error of its luminance.
 pub const VALUES_PER_PIXEL: usize = CHANNELS + 1;
 
+/// Whether a value of a [`Node`], of its pixels or of its statistics, can be: the format has none that is negative or not finite. Whoever
+/// makes pixels that may be negative, of colours out of gamut, needs another format.
+#[must_use]
+#[inline]
+pub fn can_be(value: f32) -> bool {
+    (0.0..f32::INFINITY).contains(&value)
+}
+
 /// Share of the pixels, those with the largest error, that [`Image::noise`] leaves out.
 pub const NOISE_LEAVES_OUT: f64 = 0.01;
 
@@ -156,7 +164,7 @@ impl Node {
         let bad = |values: &[f32], per_pixel: usize| {
             values
                 .iter()
-                .position(|v| !v.is_finite() || *v < 0.0)
+                .position(|value| !can_be(*value))
                 .map(|i| (i / per_pixel, values[i]))
         };
         let bad = bad(&self.pixels, VALUES_PER_PIXEL).or_else(|| bad(&self.statistics, STATISTICS_PER_PIXEL));

@@ -14,6 +14,8 @@ mod path;
 pub mod pcf;
 mod pppm;
 mod sppm;
+#[cfg(test)]
+mod test_scenes;
 mod vcm;
 
 pub use bandwidth::{Bandwidth, bandwidth};

@@ -1,20 +1,12 @@
 use super::*;
 use crate::integrator::Sample;
 use crate::integrator::light_paths;
+use crate::integrator::test_scenes;
 use crate::integrator::{Batches, Unobserved};
 use crate::math::Vec2;
 use crate::path::Tracer;
 use crate::random::{PathRandom, Sampling, Stream};
-use crate::scene::{Limits, Scene, SceneFolder};
-use std::collections::BTreeMap;
-use std::path::Path;
-
-fn load(name: &str) -> Scene {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-    let defines = BTreeMap::from([("res".to_owned(), "16".to_owned())]);
-    let files = SceneFolder::new(&folder).unwrap();
-    Scene::load(&files, &format!("{name}.xml"), &defines, &Limits::default()).unwrap()
-}
+use crate::scene::Scene;
 
 fn job(scene: &Scene, sampling: Sampling) -> Job<'_> {
     Job {
@@ -47,7 +39,7 @@ fn image(scene: &Scene, techniques: Techniques, only: Option<Only>) -> Vec<Spect
 /// What the techniques show one by one, each with its share, adds up to what they show together.
 #[test]
 fn techniques_one_by_one_add_up_to_all() {
-    let scene = load("mirror-glass");
+    let scene = test_scenes::load("mirror-glass", 16);
     let connections = Techniques {
         merge: false,
         ..Techniques::ALL
@@ -78,7 +70,7 @@ fn techniques_one_by_one_add_up_to_all() {
 /// A path that is driven by the numbers written down of another one is that path, to the last bit.
 #[test]
 fn paths_replayed_from_recorded_numbers_have_the_same_bits() {
-    let scene = load("mirror-glass");
+    let scene = test_scenes::load("mirror-glass", 16);
     for sampling in [Sampling::Sobol, Sampling::Independent] {
         let job = job(&scene, sampling);
         let estimator = Estimator::new(&job, plan(Techniques::ALL, None));

@@ -1,15 +1,8 @@
 use super::*;
+use crate::integrator::test_scenes;
 use crate::integrator::{Batches, Unobserved, bandwidth};
-use crate::scene::{Limits, Scene, SceneFolder};
+use crate::scene::Scene;
 use crate::settings::{DirectionSampler, IntegratorSettings, KernelShape};
-use std::collections::BTreeMap;
-use std::path::Path;
-
-pub(super) fn load(name: &str) -> Scene {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-    let defines = BTreeMap::from([("res".to_owned(), "24".to_owned())]);
-    Scene::load(&SceneFolder::new(&folder).unwrap(), name, &defines, &Limits::default()).unwrap()
-}
 
 fn render(scene: &Scene, settings: &PcfSettings, iteration: u32, culling: bool) -> Iteration {
     render_in(Batches::default(), scene, settings, iteration, culling)
@@ -68,8 +61,8 @@ fn culling_changes_no_bit() {
             ..base
         },
     ];
-    for name in ["mirror-glass.xml", "environment.xml"] {
-        let scene = load(name);
+    for name in ["mirror-glass", "environment"] {
+        let scene = test_scenes::load(name, 24);
         for settings in &cases {
             for iteration in [1, 400] {
                 let whole = render(&scene, settings, iteration, false);
@@ -94,7 +87,7 @@ fn culling_changes_no_bit() {
 /// those of a pass, and guide cones in every pass another way.
 #[test]
 fn one_batch_or_several_make_one_image() {
-    let scene = load("mirror-glass.xml");
+    let scene = test_scenes::load("mirror-glass", 24);
     let whole = Batches::default();
     let camera_paths = 2 * 24 * 9;
     let passes = Batches { camera_paths, ..whole };

@@ -249,19 +249,13 @@ fn reflected(photon: &Photon, query: &Query) -> Option<Spectrum> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::integrator::{Batches, Unobserved};
+    use crate::integrator::{Batches, Unobserved, test_scenes};
     use crate::random::Sampling;
-    use crate::scene::{Limits, Scene, SceneFolder};
-    use std::collections::BTreeMap;
-    use std::path::Path;
 
     /// Batches of light paths, whose images are averaged, change the image by no more than rounding.
     #[test]
     fn one_batch_or_three_make_one_image() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-        let defines = BTreeMap::from([("res".to_owned(), "16".to_owned())]);
-        let files = SceneFolder::new(&folder).unwrap();
-        let scene = Scene::load(&files, "mirror-glass.xml", &defines, &Limits::default()).unwrap();
+        let scene = test_scenes::load("mirror-glass", 16);
         let settings = PppmSettings {
             photons: 8_000,
             samples: 2,

@@ -91,25 +91,15 @@ pub fn radius_range(statistics: &[f32]) -> Option<[f32; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::integrator::{Unobserved, render_iteration, render_next};
-    use crate::scene::{Limits, Scene, SceneFolder};
+    use crate::integrator::{Unobserved, render_iteration, render_next, test_scenes};
+    use crate::scene::Scene;
     use crate::settings::{IntegratorSettings, SppmSettings};
-    use std::collections::BTreeMap;
-    use std::path::Path;
 
     const ALPHA: f32 = 0.7;
     const PHOTONS: u32 = 2_000;
 
     fn scene() -> Scene {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
-        let defines = BTreeMap::from([("res".to_owned(), "12".to_owned())]);
-        Scene::load(
-            &SceneFolder::new(&folder).unwrap(),
-            "mirror-glass.xml",
-            &defines,
-            &Limits::default(),
-        )
-        .unwrap()
+        test_scenes::load("mirror-glass", 12)
     }
 
     fn settings() -> IntegratorSettings {

@@ -1,7 +1,7 @@
 use super::super::importons::Mixture;
-use super::super::tests::load;
 use super::*;
 use crate::chi_square::{assert_directions, assert_narrow};
+use crate::integrator::test_scenes;
 use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::math::warp::square_to_sphere;
@@ -39,7 +39,7 @@ const NARROW: [f32; 3] = [1e-2, 1e-3, 1e-4];
 
 #[test]
 fn narrow_lobes_are_sampled_with_their_density() {
-    let scene = load("mirror-glass.xml");
+    let scene = test_scenes::load("mirror-glass", 24);
     let position = Vec3::new(0.2, -0.3, 0.1);
     let axis = scene.sensor.direction_from(position).unwrap().direction;
     for theta in NARROW {
@@ -81,7 +81,7 @@ fn narrow_lobes_are_sampled_with_their_density() {
 /// Alone, camera connections have a density wherever a query may look.
 #[test]
 fn a_camera_lobe_with_a_defensive_share_covers_all_directions() {
-    let scene = load("mirror-glass.xml");
+    let scene = test_scenes::load("mirror-glass", 24);
     let position = Vec3::new(0.2, -0.3, 0.1);
     let lobe = CameraLobe::new(&scene.sensor, 0.3, DEFENSIVE);
     let lobe = lobe.at(position, Vec3::Y).unwrap();
@@ -103,7 +103,7 @@ fn a_camera_lobe_with_a_defensive_share_covers_all_directions() {
 /// Wherever some technique has a density, the shares of all techniques that have one sum to one.
 #[test]
 fn weights_of_the_techniques_sum_to_one() {
-    let scene = load("mirror-glass.xml");
+    let scene = test_scenes::load("mirror-glass", 24);
     let mut tracer = Tracer::new(&scene);
     let mut covered = 0;
     for path in 0..200 {
