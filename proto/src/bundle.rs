@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use utoipa::ToSchema;
 
-/// A scene: every file it needs, by content. Names are relative, with `/` between their parts.
+/// A scene: every file it needs, by content. Names are those that the scene uses, with `/` between their parts; they are keys, and no paths
+/// of the farm.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BundleManifest {

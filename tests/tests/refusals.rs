@@ -62,6 +62,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
     let (broken, broken_at) = with("broken.xml", "<shape type=\"teapot\"/>");
     let shape = "<shape type=\"ply\"><string name=\"filename\" value=\"../secret.ply\"/></shape>";
     let (outside, outside_at) = with("outside.xml", shape);
+    let (foggy, foggy_at) = with("foggy.xml", "<medium type=\"homogeneous\"/>");
     let missing = folder.path().join("missing.xml");
     let render = |scene: &Path, more: &[&str]| {
         let mut arguments = vec!["render", text(scene), "-o", text(&output)];
@@ -71,6 +72,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
     for (errors, expected) in [
         (render(&broken, &[]), [broken_at.as_str(), "teapot"]),
         (render(&outside, &[]), [outside_at.as_str(), "secret.ply"]),
+        (render(&foggy, &["--strict"]), [foggy_at.as_str(), "--strict"]),
         (render(&missing, &[]), ["missing.xml", "not found"]),
         (render(folder.path(), &[]), ["is a folder", "scene file"]),
         (
@@ -93,7 +95,10 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
         }
     }
     assert_eq!(fs::read(&output).unwrap(), b"old");
-    assert_eq!(files_in(folder.path()), ["a.exr", "broken.xml", "outside.xml"]);
+    assert_eq!(
+        files_in(folder.path()),
+        ["a.exr", "broken.xml", "foggy.xml", "outside.xml"]
+    );
 }
 
 #[test]

@@ -395,6 +395,9 @@ pub(crate) struct JobArgs {
     pub(crate) sensor: Option<String>,
     #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = set_help())]
     pub(crate) set: Vec<(String, String)>,
+    /// Refuse a scene of which something is left out or replaced, or that is probably not meant so: warnings of the scene are errors
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
     #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "sensor", "set"])]

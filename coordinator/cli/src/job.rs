@@ -3,7 +3,7 @@
 use crate::args::{JobArgs, unique};
 use crate::repeat::OldPicture;
 use crate::{say, settings};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::BlobHash;
@@ -43,6 +43,15 @@ impl PreparedJob {
         };
         let limits = Limits::default();
         let scene = Scene::load_sensor(&recorded, main, &defines, sensor.as_deref(), &limits).with_context(context)?;
+        if let (true, [first, ..]) = (args.strict, &scene.warnings[..]) {
+            let count = scene.warnings.len();
+            let more = if count == 1 {
+                String::new()
+            } else {
+                format!(" (the first of {count})")
+            };
+            bail!("--strict: {first}{more}");
+        }
         let integrator = match &old {
             Some(old) => old.metadata.integrator.clone(),
             None => settings::integrator(args.integrator, &scene.wishes, &set)?,

@@ -2,6 +2,7 @@
 
 use super::error::{Place, SceneError};
 use super::faults::Faults;
+use super::warning::Warnings;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::Cell;
@@ -17,6 +18,8 @@ pub(crate) struct Description {
     pub(crate) ids: BTreeMap<String, ObjectId>,
     /// What is wrong with the scene.
     pub(crate) faults: Rc<Faults>,
+    /// What is left out, or probably not meant.
+    pub(crate) warnings: Rc<Warnings>,
 }
 
 impl Description {
@@ -86,11 +89,15 @@ pub(crate) enum Kind {
     Bsdf,
     Emitter,
     Texture,
+    Medium,
+    Volume,
+    Phase,
+    Subsurface,
 }
 
 impl Kind {
     /// Element names, in the order of messages.
-    pub(crate) const ELEMENTS: [(&'static str, Kind); 10] = [
+    pub(crate) const ELEMENTS: [(&'static str, Kind); 14] = [
         ("scene", Kind::Scene),
         ("integrator", Kind::Integrator),
         ("sensor", Kind::Sensor),
@@ -101,7 +108,22 @@ impl Kind {
         ("bsdf", Kind::Bsdf),
         ("emitter", Kind::Emitter),
         ("texture", Kind::Texture),
+        ("medium", Kind::Medium),
+        ("volume", Kind::Volume),
+        ("phase", Kind::Phase),
+        ("subsurface", Kind::Subsurface),
     ];
+
+    /// What a scene is without objects of this kind, of which none is rendered.
+    pub(crate) fn left_out(self) -> Option<&'static str> {
+        match self {
+            Self::Medium | Self::Volume | Self::Phase => {
+                Some("space is empty, and light is neither scattered nor absorbed on its way")
+            }
+            Self::Subsurface => Some("light leaves a surface where it arrives"),
+            _ => None,
+        }
+    }
 
     pub(crate) fn element(self) -> &'static str {
         Self::ELEMENTS

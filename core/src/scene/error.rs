@@ -36,7 +36,7 @@ impl fmt::Display for Place {
 /// Why a scene cannot be loaded. Every message starts with the place, `file:line`.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SceneError {
-    /// A file name that the scene may not use: absolute, a URL, or out of the scene's folder.
+    /// A file name that is none: empty, a URL, on a drive, or of characters that names have not.
     #[error("{place}: file name `{name}`: {reason}")]
     FileName {
         /// Where.

@@ -1,6 +1,7 @@
 //! All faults of a scene, found in one reading.
 
 use super::error::{Place, SceneError, within};
+use super::warning::{SceneWarning, Warnings};
 use std::cell::RefCell;
 use std::fmt;
 
@@ -9,32 +10,44 @@ const MOST: u64 = 20;
 
 /// Everything that is wrong with a scene, each fault once, in the order in which they were found. There is at least one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SceneFaults(Vec<SceneError>);
+pub struct SceneFaults {
+    faults: Vec<SceneError>,
+    /// What was warned about besides: a fault may follow from it, as from a name that is misspelt.
+    warnings: Vec<SceneWarning>,
+}
 
 impl SceneFaults {
     /// The first fault.
     #[must_use]
     pub fn first(&self) -> &SceneError {
-        &self.0[0]
+        &self.faults[0]
     }
 
     /// All faults.
     #[must_use]
     pub fn all(&self) -> &[SceneError] {
-        &self.0
+        &self.faults
+    }
+
+    /// What was warned about besides.
+    #[must_use]
+    pub fn warnings(&self) -> &[SceneWarning] {
+        &self.warnings
     }
 }
 
-/// The fault, or their number and each in a line of its own.
+/// The fault, or their number and each in a line of its own; then the warnings.
 impl fmt::Display for SceneFaults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.0[..] {
-            [fault] => write!(f, "{fault}"),
+        match &self.faults[..] {
+            [fault] => write!(f, "{fault}")?,
             faults => {
                 write!(f, "{} faults:", faults.len())?;
-                faults.iter().try_for_each(|fault| write!(f, "\n  {fault}"))
+                faults.iter().try_for_each(|fault| write!(f, "\n  {fault}"))?;
             }
         }
+        let mut warnings = self.warnings.iter();
+        warnings.try_for_each(|warning| write!(f, "\n  warning: {warning}"))
     }
 }
 
@@ -78,15 +91,20 @@ impl Faults {
         !self.0.borrow().is_empty()
     }
 
-    /// What a reading found that ended with `result`.
-    pub(crate) fn settle<T>(&self, result: Result<Option<T>, SceneError>) -> Result<T, SceneFaults> {
+    /// What a reading found that ended with `result` and has warned about `warnings`.
+    pub(crate) fn settle<T>(
+        &self,
+        result: Result<Option<T>, SceneError>,
+        warnings: &Warnings,
+    ) -> Result<T, SceneFaults> {
         let mut faults = self.0.take();
         match result {
             Ok(Some(value)) if faults.is_empty() => return Ok(value),
             Ok(_) => {}
             Err(last) => faults.push(last),
         }
-        Err(SceneFaults(faults))
+        let warnings = warnings.take();
+        Err(SceneFaults { faults, warnings })
     }
 }
 

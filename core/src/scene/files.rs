@@ -5,63 +5,68 @@ use super::limits::Limits;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Mutex;
 
 /// The files of a scene: a folder, or a bundle.
 ///
-/// Names are relative to the root and '/'-separated, as [`normalise`] returns them.
+/// Names are those of [`normalise`]. Only a [`SceneFolder`] takes them for paths; in a bundle they are keys.
 pub trait SceneFiles {
     /// The bytes of a file.
     ///
     /// # Errors
     /// [`SceneError::NotFound`] where there is no such file (the loader then looks in the next folder),
-    /// [`SceneError::FileName`] for a name that leaves the root, [`SceneError::Limit`] for a file that is too large.
+    /// [`SceneError::FileName`] for a name that is none, [`SceneError::Limit`] for a file that is too large.
     fn read(&self, name: &str) -> Result<Vec<u8>, SceneError>;
 }
 
-/// The plain form of a file name: relative, '/'-separated, without `.`, `..` and empty parts.
+/// The plain form of a file name: '/'-separated, without `.` and empty parts, and with `..` at its start only. It is relative to the
+/// folder of the scene file, or absolute. Backslashes of other systems become slashes.
 ///
 /// # Errors
-/// [`SceneError::FileName`] where the name is empty, absolute, a URL, leaves the root, or holds characters that no
-/// system allows in names.
+/// [`SceneError::FileName`] where the name is empty, a URL, on a drive of another system, or holds characters that no system allows
+/// in names.
 pub fn normalise(name: &str) -> Result<String, SceneError> {
-    let refuse = |reason: &str| {
-        let place = Place::whole(name);
-        Err(SceneError::FileName {
-            place,
-            name: name.into(),
-            reason: reason.into(),
-        })
+    let plain = normalise_folder(name)?;
+    let reason = match plain.rsplit('/').next() {
+        Some("" | "..") if name.is_empty() => "it is empty",
+        Some("" | "..") => "it names no file",
+        _ => return Ok(plain),
     };
-    if name.is_empty() {
-        return refuse("it is empty");
+    Err(file_name(name, reason))
+}
+
+/// As [`normalise`], for the name of a folder: the scene file's own is empty.
+pub(super) fn normalise_folder(name: &str) -> Result<String, SceneError> {
+    if name.contains(':') || name.chars().any(char::is_control) {
+        let reason =
+            "`:` and control characters are not allowed: files are named by paths, and there are no drives and URLs";
+        return Err(file_name(name, reason));
     }
-    if name.starts_with('/') {
-        return refuse("absolute names are not allowed; names are relative to the scene file");
-    }
-    if name.contains(['\\', ':', '\0']) || name.chars().any(char::is_control) {
-        return refuse("`\\`, `:` and control characters are not allowed; parts are separated by `/`");
-    }
+    let name = name.replace('\\', "/");
+    let root = if name.starts_with('/') { "/" } else { "" };
     let mut parts: Vec<&str> = Vec::new();
     for part in name.split('/') {
-        match part {
-            "" | "." => {}
-            ".." => {
-                if parts.pop().is_none() {
-                    return refuse("it leaves the scene's folder");
-                }
-            }
+        match (part, parts.last()) {
+            ("" | ".", _) => {}
+            ("..", Some(last)) if *last != ".." => _ = parts.pop(),
+            ("..", None) if !root.is_empty() => {}
             _ => parts.push(part),
         }
     }
-    if parts.is_empty() {
-        return refuse("it names no file");
-    }
-    Ok(parts.join("/"))
+    Ok(format!("{root}{}", parts.join("/")))
 }
 
-/// A folder of files. Nothing outside it is opened, also not through symbolic links.
+fn file_name(name: &str, reason: &str) -> SceneError {
+    SceneError::FileName {
+        place: Place::whole(name),
+        name: name.into(),
+        reason: reason.into(),
+    }
+}
+
+/// The files about a folder, for scenes of whoever runs the program: names may lead anywhere on this machine, also through symbolic links,
+/// and may be written in another case, as systems allow on which files are found by `A.obj` and `a.obj` alike.
 #[derive(Debug)]
 pub struct SceneFolder {
     root: PathBuf,
@@ -92,14 +97,11 @@ impl SceneFolder {
 
     fn open(&self, name: &str) -> Result<File, SceneError> {
         let unreadable = |error| unreadable(name, &error);
-        let path = self.root.join(name).canonicalize().map_err(unreadable)?;
-        if !path.starts_with(&self.root) {
-            return Err(SceneError::FileName {
-                place: Place::whole(name),
-                name: name.into(),
-                reason: "it leads out of the scene's folder through a symbolic link".into(),
-            });
-        }
+        let written = self.root.join(name);
+        let path = match written.metadata() {
+            Err(error) if error.kind() == ErrorKind::NotFound => in_any_case(&written).unwrap_or(written),
+            _ => written,
+        };
         if !path.metadata().map_err(unreadable)?.is_file() {
             return Err(SceneError::Read {
                 place: Place::whole(name),
@@ -109,6 +111,26 @@ impl SceneFolder {
         }
         File::open(path).map_err(unreadable)
     }
+}
+
+/// The most entries of a folder that are looked through for a name in another case.
+const MOST_ENTRIES: usize = 100_000;
+
+/// The path to what `path` names if upper and lower case are one; of several the first in the order of names.
+fn in_any_case(path: &Path) -> Option<PathBuf> {
+    let mut found = PathBuf::new();
+    for part in path.components() {
+        let exact = found.join(part);
+        if !matches!(part, Component::Normal(_)) || exact.exists() {
+            found = exact;
+            continue;
+        }
+        let wanted = part.as_os_str().to_str()?.to_lowercase();
+        let entries = found.read_dir().ok()?.take(MOST_ENTRIES);
+        let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        found.push(names.filter(|name| name.to_lowercase() == wanted).min()?);
+    }
+    Some(found)
 }
 
 fn unreadable(name: &str, error: &std::io::Error) -> SceneError {
@@ -197,43 +219,54 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_made_plain_and_stay_inside() {
-        assert_eq!(normalise("a/./b//../c.obj").unwrap(), "a/c.obj");
-        for name in [
-            "",
-            "/etc/passwd",
-            "..",
-            "a/../../b",
-            "C:\\x",
-            "http://x/y",
-            "a\0b",
-            "./",
-            "a\nb",
+    fn names_are_made_plain() {
+        for (name, plain) in [
+            ("a/./b//../c.obj", "a/c.obj"),
+            ("../a", "../a"),
+            ("a/../../../b", "../../b"),
+            ("..\\meshes\\A.obj", "../meshes/A.obj"),
+            ("/usr/../share/./x", "/share/x"),
+            ("/../x", "/x"),
         ] {
+            assert_eq!(normalise(name).unwrap(), plain, "{name}");
+        }
+        for name in ["", "..", "a/..", "C:\\x", "http://x/y", "a\0b", "./", "/", "a\nb"] {
             assert!(matches!(normalise(name), Err(SceneError::FileName { .. })), "{name:?}");
         }
+        assert_eq!(normalise_folder("sub/..").unwrap(), "");
+        assert_eq!(normalise_folder("sub/../..").unwrap(), "..");
     }
 
     #[test]
-    fn a_folder_refuses_what_lies_outside_and_what_is_too_large() {
+    fn files_are_found_wherever_they_lie() {
         let folder = tempfile::tempdir().unwrap();
         let inside = folder.path().join("scene");
-        std::fs::create_dir(&inside).unwrap();
-        std::fs::write(folder.path().join("secret"), b"x").unwrap();
+        std::fs::create_dir_all(inside.join("Meshes")).unwrap();
+        std::fs::write(folder.path().join("common"), b"x").unwrap();
+        std::fs::write(inside.join("Meshes/Ball.obj"), b"ball").unwrap();
+        std::fs::write(inside.join("Meshes/BALL.obj"), b"other").unwrap();
         std::fs::write(inside.join("large"), [0; 101]).unwrap();
-        std::os::unix::fs::symlink("../secret", inside.join("link")).unwrap();
-        let files = SceneFolder::with_limits(
-            &inside,
-            &Limits {
-                file_bytes: 100,
-                ..Limits::default()
-            },
-        )
-        .unwrap();
-        assert!(matches!(files.read("link"), Err(SceneError::FileName { .. })));
-        assert!(matches!(files.read("../secret"), Err(SceneError::FileName { .. })));
-        assert!(matches!(files.read("."), Err(SceneError::FileName { .. })));
+        std::os::unix::fs::symlink("../common", inside.join("link")).unwrap();
+        let limits = Limits {
+            file_bytes: 100,
+            ..Limits::default()
+        };
+        let files = SceneFolder::with_limits(&inside, &limits).unwrap();
+        let absolute = folder.path().join("common").to_str().unwrap().to_owned();
+        for name in ["link", "../common", "../COMMON", &absolute] {
+            assert_eq!(files.read(name).unwrap(), b"x", "{name}");
+        }
+        for (name, content) in [
+            ("Meshes\\Ball.obj", &b"ball"[..]),
+            ("Meshes/BALL.obj", b"other"),
+            ("meshes/ball.OBJ", b"other"),
+        ] {
+            assert_eq!(files.read(name).unwrap(), content, "{name}");
+        }
+        assert!(matches!(files.read("meshes"), Err(SceneError::Read { .. })));
+        assert!(matches!(files.read("/dev/zero"), Err(SceneError::Read { .. })));
         assert!(matches!(files.read("nothing"), Err(SceneError::NotFound { .. })));
+        assert!(matches!(files.read("large/x"), Err(SceneError::NotFound { .. })));
         assert!(matches!(
             files.read("large"),
             Err(SceneError::Limit {
@@ -242,6 +275,19 @@ mod tests {
                 ..
             })
         ));
+    }
+
+    /// A bundle is a table: a name that leads out of a folder is a key like any other, and opens nothing.
+    #[test]
+    fn a_bundle_has_its_files_alone() {
+        let bundle = BTreeMap::from([("../a".to_owned(), vec![1])]);
+        assert_eq!(SceneFiles::read(&bundle, "b/../../a").unwrap(), [1]);
+        for name in ["/etc/passwd", "../../etc/passwd", "/a"] {
+            assert!(matches!(
+                SceneFiles::read(&bundle, name),
+                Err(SceneError::NotFound { .. })
+            ));
+        }
     }
 
     #[test]

@@ -43,8 +43,8 @@ impl<'a> Loader<'a> {
         let mut tried = Vec::new();
         let mut outside = None;
         for folder in search {
-            // An absolute name must be refused as such, so it is not joined to the folder.
-            let joined = if folder.is_empty() || name.starts_with('/') || name.is_empty() {
+            // An absolute name is looked for in no folder, and an empty one must be refused as such.
+            let joined = if folder.is_empty() || name.starts_with(['/', '\\']) || name.is_empty() {
                 name.to_owned()
             } else {
                 format!("{folder}/{name}")
@@ -57,7 +57,12 @@ impl<'a> Loader<'a> {
                 }
             };
             match self.read(place, &plain) {
-                Err(SceneError::NotFound { .. }) => tried.push(format!("`{plain}`")),
+                Err(SceneError::NotFound { .. }) => {
+                    let plain = format!("`{plain}`");
+                    if !tried.contains(&plain) {
+                        tried.push(plain);
+                    }
+                }
                 result => return result,
             }
         }

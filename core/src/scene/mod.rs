@@ -1,7 +1,7 @@
 //! Scenes: as written (untrusted) and as rendered (validated, built).
 //!
 //! Files come through [`SceneFiles`]; `xml` reads them into a `Description`, in which every value has its type and its
-//! place; `build` turns that into a [`Scene`]. What was written and never asked for is an error, as in Mitsuba.
+//! place; `build` turns that into a [`Scene`]. What was written and never asked for is a warning.
 
 mod black;
 mod build;
@@ -117,10 +117,13 @@ impl Scene {
         limits: &Limits,
     ) -> Result<Self, SceneFaults> {
         let mut loader = loader::Loader::new(files, limits);
-        let faults = Rc::new(faults::Faults::default());
-        let scene = xml::read(&mut loader, main, defines, &faults)
+        let (faults, warnings) = (
+            Rc::new(faults::Faults::default()),
+            Rc::new(warning::Warnings::default()),
+        );
+        let scene = xml::read(&mut loader, main, defines, &faults, &warnings)
             .and_then(|description| build::build(&description, &mut loader, sensor));
-        faults.settle(scene)
+        faults.settle(scene, &warnings)
     }
 
     /// The material at a point.

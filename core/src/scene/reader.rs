@@ -6,6 +6,7 @@ use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
+use std::fmt;
 use std::ops::RangeInclusive;
 
 /// Reads one object. Every property and child must be asked for before [`Reader::finish`].
@@ -42,7 +43,16 @@ impl<'d> Reader<'d> {
 
     /// The element as in messages: `<bsdf type="diffuse">`.
     pub(crate) fn context(&self) -> String {
-        format!("<{} type=\"{}\">", self.object.kind.element(), self.object.plugin)
+        match self.object.kind {
+            Kind::Scene => "<scene>".to_owned(),
+            kind => format!("<{} type=\"{}\">", kind.element(), self.object.plugin),
+        }
+    }
+
+    /// Whether a property or a child of the name is there.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        let mut children = self.object.children.iter();
+        self.object.properties.contains_key(name) || children.any(|child| child.name.as_deref() == Some(name))
     }
 
     pub(crate) fn property(&self, name: &str) -> Option<&'d Property> {
@@ -57,6 +67,33 @@ impl<'d> Reader<'d> {
     pub(crate) fn fault(&self, fault: SceneError) -> Result<(), SceneError> {
         self.object.faulty.set(true);
         self.description.faults.note(fault)
+    }
+
+    /// Warns about something at `place` that is rendered otherwise than its author may think.
+    pub(crate) fn warn(&self, place: &Place, message: impl fmt::Display) {
+        self.description
+            .warnings
+            .note(place, format!("{}: {message}", self.context()));
+    }
+
+    /// As [`Reader::warn`], about the property `name`.
+    pub(crate) fn warn_of(&self, name: &str, message: &str) {
+        let place = self
+            .object
+            .properties
+            .get(name)
+            .map_or(self.place(), |property| &property.place);
+        self.warn(place, format_args!("`{name}`: {message}"));
+    }
+
+    /// Accepts properties and children that change nothing here.
+    pub(crate) fn ignore(&self, names: &[&str]) {
+        let mut asked = self.asked.borrow_mut();
+        asked.extend(names.iter().map(|name| (*name).to_owned()));
+        let of_name = |child: &Child| child.name.as_deref().is_some_and(|name| names.contains(&name));
+        let children = self.object.children.iter().enumerate();
+        let ignored = children.filter(|(_, child)| of_name(child)).map(|(index, _)| index);
+        self.taken.borrow_mut().extend(ignored);
     }
 
     /// As [`Reader::fault`], for the value of a property.
@@ -173,6 +210,10 @@ impl<'d> Reader<'d> {
 
     /// The value that goes with a string, which is one of `choices`.
     pub(crate) fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)], default: T) -> Result<T, SceneError> {
+        if let Some(Value::Integer(_)) = self.property(name).map(|property| &property.value) {
+            self.warn_of(name, "a number names no choice here; the default counts");
+            return Ok(default);
+        }
         let Some(text) = self.string(name)? else {
             return Ok(default);
         };
@@ -300,34 +341,43 @@ impl<'d> Reader<'d> {
         self.taken.borrow_mut().extend(0..self.object.children.len());
     }
 
-    /// Notes properties and children that were never asked for.
-    pub(crate) fn finish(&self) -> Result<(), SceneError> {
+    /// Warns about properties and children that were never asked for.
+    pub(crate) fn finish(&self) {
         let (asked, taken) = (self.asked.borrow(), self.taken.borrow());
-        let unknown = |place: &Place, what, name: &str| {
-            self.fault(SceneError::unknown(
-                place,
-                self.context(),
-                what,
-                name,
-                asked.iter().map(String::as_str),
-            ))
+        let unknown = |place: &Place, what: &str, name: &str, written: &str| {
+            let known: Vec<&str> = asked.iter().map(String::as_str).collect();
+            let hint = nearest(name, known.iter().copied())
+                .map_or(String::new(), |nearest| format!(" did you mean `{nearest}`?"));
+            let known = match known.is_empty() {
+                true => "none".to_owned(),
+                false => known.join(", "),
+            };
+            let message = format_args!("{what} `{written}` is not known here and left out;{hint} known: {known}");
+            self.warn(place, message);
         };
         for (name, property) in &self.object.properties {
             if !asked.contains(name) {
-                unknown(&property.place, "property", name)?;
+                unknown(&property.place, "property", name, &shortened(name));
             }
         }
         for (index, child) in self.object.children.iter().enumerate() {
-            if !taken.contains(&index) {
-                let element = self.kind_of(child).element();
-                let name = child
-                    .name
-                    .as_ref()
-                    .map_or(format!("<{element}>"), |name| format!("<{element} name=\"{name}\">"));
-                unknown(&child.place, "nested object", &name)?;
+            if taken.contains(&index) {
+                continue;
             }
+            let (kind, name) = (self.kind_of(child), child.name.as_deref());
+            if let Some(without) = kind.left_out() {
+                self.warn(
+                    &child.place,
+                    format_args!("<{}> is left out: {without}", kind.element()),
+                );
+                continue;
+            }
+            let written = match name {
+                Some(name) => format!("<{} name=\"{}\">", kind.element(), shortened(name)),
+                None => format!("<{}>", kind.element()),
+            };
+            unknown(&child.place, "nested object", name.unwrap_or_default(), &written);
         }
-        Ok(())
     }
 }
 

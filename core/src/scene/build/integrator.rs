@@ -38,21 +38,22 @@ pub(super) fn build(
     let plugin = reader.object.plugin.as_str();
     let settings = match Integrator::find(plugin) {
         Some(integrator) => Some(settings(&reader, integrator, max_depth)?),
-        None if OTHERS.contains(&plugin) => {
+        None => {
+            if !OTHERS.contains(&plugin) {
+                let ours = INTEGRATORS.map(|integrator| integrator.name).join(", ");
+                reader.warn(
+                    reader.place(),
+                    format_args!("there is no integrator of this type; who renders chooses one: {ours}"),
+                );
+            }
             reader.accept_rest();
             None
         }
-        None => {
-            let ours = INTEGRATORS.map(|integrator| integrator.name);
-            let allowed: Vec<&str> = ours.into_iter().chain(OTHERS).collect();
-            return Err(reader.unknown_type(&allowed));
-        }
     };
     if settings.is_some() && reader.boolean("hide_emitters", false)? {
-        let reason = "hiding emitters is not supported; leave it out or set it to false";
-        reader.fault(reader.wrong("hide_emitters", reason))?;
+        reader.warn_of("hide_emitters", "lights stay visible");
     }
-    reader.finish()?;
+    reader.finish();
     Ok((settings, max_depth))
 }
 

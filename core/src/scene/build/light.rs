@@ -10,6 +10,7 @@ use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
 use crate::scene::spectrum::BRIGHTEST;
+use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TextureFilter, WrapMode};
 use glam::DMat4;
 
@@ -23,15 +24,7 @@ const SUPPORTED: [&str; 7] = [
     "envmap",
 ];
 /// Emitters of Mitsuba that do not exist here.
-const ELSEWHERE: [&str; 7] = [
-    "directionalarea",
-    "sky",
-    "sun",
-    "sunsky",
-    "timed_sunsky",
-    "collimated",
-    "volumelight",
-];
+const ELSEWHERE: [&str; 3] = ["directionalarea", "collimated", "volumelight"];
 
 impl Builder<'_, '_> {
     pub(super) fn emitter(&mut self, object: ObjectId) -> Result<(), SceneError> {
@@ -69,6 +62,15 @@ impl Builder<'_, '_> {
                 let placed = to_world.insert(rotations(&reader, reason)?).at(at_rest);
                 self.environment_map(&reader, placed)?
             }
+            "sky" | "sun" | "sunsky" | "timed_sunsky" => {
+                let without = "this type does not exist yet: a white environment of radiance 1 stands in for it";
+                reader.warn(reader.place(), without);
+                self.only_environment(&reader)?;
+                reader.accept_rest();
+                Light::Constant {
+                    radiance: Spectrum::ONE,
+                }
+            }
             other if ELSEWHERE.contains(&other) => {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
                 return Err(reader.unsupported(format!("type `{other}`"), instead));
@@ -76,7 +78,7 @@ impl Builder<'_, '_> {
             _ => return Err(reader.unknown_type(&SUPPORTED)),
         };
         check_sampling_weight(&reader)?;
-        reader.finish()?;
+        reader.finish();
         let moving = to_world.filter(|to_world| to_world.moves_within(self.motion.shutter));
         self.add_light(light, moving, reader.place());
         Ok(())
@@ -124,7 +126,7 @@ impl Builder<'_, '_> {
         // Importance sampling is never compensated; the estimate has the same mean either way.
         reader.boolean("mis_compensation", false)?;
         let image = self.bitmap_file(reader, false, WrapMode::Repeat, TextureFilter::Bilinear)?;
-        reader.finish()?;
+        reader.finish();
         if image.width < 2 || image.height < 2 {
             let reason = format!(
                 "an environment has 2 x 2 texels or more, found {} x {}",

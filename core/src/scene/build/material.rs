@@ -22,26 +22,6 @@ const SUPPORTED: [&str; 8] = [
     "plastic",
     "null",
 ];
-/// BSDFs of Mitsuba that do not exist here.
-const ELSEWHERE: [&str; 17] = [
-    "mask",
-    "blendbsdf",
-    "bumpmap",
-    "normalmap",
-    "roughplastic",
-    "principled",
-    "principledthin",
-    "thindielectric",
-    "measured",
-    "pplastic",
-    "polarizer",
-    "retarder",
-    "circular",
-    "hair",
-    "phong",
-    "coating",
-    "ward",
-];
 /// The range of roughness: below it the microfacet distributions lose precision.
 const ROUGHNESS: RangeInclusive<f64> = 1e-4..=10.0;
 
@@ -88,32 +68,44 @@ impl Builder<'_, '_> {
             "conductor" | "roughconductor" => self.conductor(&reader),
             "plastic" => self.plastic(&reader),
             "null" => Ok(Material::Null),
-            other if ELSEWHERE.contains(&other) => {
-                let instead = format!("there are: {}", SUPPORTED.join(", "));
-                Err(reader.unsupported(format!("type `{other}`"), instead))
-            }
-            _ => Err(reader.unknown_type(&SUPPORTED)),
+            other => match StandIn::of(other) {
+                Some(stand_in) => self.stand_in(&reader, stand_in),
+                None => Err(reader.unknown_type(&SUPPORTED)),
+            },
         };
         self.building.pop();
         let material = material?;
-        reader.finish()?;
+        reader.finish();
+        Ok(material)
+    }
+
+    /// What is rendered in the place of a BSDF that does not exist here.
+    fn stand_in(&mut self, reader: &Reader, stand_in: StandIn) -> Result<Material, SceneError> {
+        reader.warn(reader.place(), stand_in.without());
+        let material = match stand_in {
+            StandIn::SmoothPlastic => self.plastic(reader)?,
+            StandIn::Diffuse => {
+                let given = DIFFUSE_COLOURS.iter().find(|name| reader.has(name));
+                let name = given.copied().unwrap_or("reflectance");
+                Material::Diffuse {
+                    reflectance: self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)?,
+                }
+            }
+            StandIn::Nothing(_) => Material::Null,
+            StandIn::Nested(_) => match reader.children(Kind::Bsdf).first() {
+                Some(nested) => self.new_material(nested.target)?,
+                None => return Err(reader.missing("a nested BSDF")),
+            },
+        };
+        reader.accept_rest();
         Ok(material)
     }
 
     fn diffuse(&mut self, reader: &Reader) -> Result<Material, SceneError> {
         let old = "diffuse_reflectance";
-        let given = |name: &str| {
-            reader.object.properties.contains_key(name)
-                || reader
-                    .object
-                    .children
-                    .iter()
-                    .any(|child| child.name.as_deref() == Some(name))
-        };
-        let name = if given(old) && !given("reflectance") {
-            old
-        } else {
-            "reflectance"
+        let name = match reader.has(old) && !reader.has("reflectance") {
+            true => old,
+            false => "reflectance",
         };
         Ok(Material::Diffuse {
             reflectance: self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)?,
@@ -204,6 +196,50 @@ impl Builder<'_, '_> {
     }
 }
 
+/// What those BSDFs call their colour that stand-ins are diffuse for.
+const DIFFUSE_COLOURS: [&str; 3] = ["diffuse_reflectance", "reflectance", "base_color"];
+
+/// What is rendered in the place of a BSDF of Mitsuba that does not exist here.
+#[derive(Clone, Copy)]
+enum StandIn {
+    SmoothPlastic,
+    Diffuse,
+    /// Light passes; with what is lost.
+    Nothing(&'static str),
+    /// The BSDF within it; with what is lost.
+    Nested(&'static str),
+}
+
+impl StandIn {
+    /// For a plugin's name.
+    fn of(plugin: &str) -> Option<Self> {
+        Some(match plugin {
+            "roughplastic" | "pplastic" => Self::SmoothPlastic,
+            "difftrans" | "hair" | "hk" | "irawan" | "measured" | "measured_polarized" | "phong" | "principled"
+            | "principledthin" | "rmbrdf" | "roughdiffuse" | "ward" => Self::Diffuse,
+            "thindielectric" => Self::Nothing("the pane does not mirror"),
+            "circular" | "polarizer" | "retarder" => Self::Nothing("light is not polarised"),
+            "mask" => Self::Nested("its opacity cuts nothing out"),
+            "bumpmap" | "bump" | "normalmap" => Self::Nested("the surface is without its bumps"),
+            "coating" | "roughcoating" => Self::Nested("the surface is without its coat"),
+            "blendbsdf" | "mixturebsdf" | "mixture" => Self::Nested("the first of its BSDFs covers all"),
+            _ => return None,
+        })
+    }
+
+    /// How the picture differs.
+    fn without(self) -> String {
+        match self {
+            Self::SmoothPlastic => {
+                "this type does not exist yet: it is rendered as `plastic`, with a smooth coat".into()
+            }
+            Self::Diffuse => "this type does not exist yet: it is rendered as `diffuse`".into(),
+            Self::Nothing(lost) => format!("this type does not exist yet: it is rendered as `null`, and {lost}"),
+            Self::Nested(lost) => format!("this type does not exist yet: the BSDF within it is rendered, and {lost}"),
+        }
+    }
+}
+
 /// The index of the interior, `default` unless it is given, over that of the exterior.
 fn relative_index(reader: &Reader, default: &str) -> Result<f32, SceneError> {
     let interior = refractive_index(reader, "int_ior", default)?;
@@ -250,25 +286,40 @@ fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
         colour(reader, "k", Use::Constant)?,
     );
     let material = reader.string("material")?.filter(|name| *name != "none");
+    let exterior = refractive_index(reader, "ext_eta", "vacuum")? as f32;
+    let relative = |eta: Spectrum, k: Spectrum| (eta * (1.0 / exterior), k * (1.0 / exterior));
     match (material, eta, k) {
         (None, eta, k) => {
             let (eta, k) = (eta.unwrap_or(Spectrum::ZERO), k.unwrap_or(Spectrum::ONE));
             if eta.zip(k, f32::max).to_rgb().contains(&0.0) {
                 return Err(reader.wrong("k", "`eta` and `k` are both 0 in a channel"));
             }
-            Ok((eta, k))
+            Ok(relative(eta, k))
         }
-        (Some(name), None, None) => ior::conductor(name).ok_or_else(|| {
-            let problem = format!("there is no conductor `{}`; there are", shortened(name));
-            reader.no_such("material", &problem, name, ior::conductor_names())
-        }),
+        (Some(name), None, None) => match ior::conductor(name) {
+            Some((eta, k)) => Ok(relative(eta, k)),
+            None => {
+                let problem = format!("there is no conductor `{}`; there are", shortened(name));
+                Err(reader.no_such("material", &problem, name, ior::conductor_names()))
+            }
+        },
         _ => Err(reader.wrong("material", "give either `material` or `eta` and `k`, not both")),
     }
 }
 
 fn microfacets(reader: &Reader) -> Result<Microfacets, SceneError> {
-    let kinds = [("beckmann", MicrofacetKind::Beckmann), ("ggx", MicrofacetKind::Ggx)];
+    // The last two are Mitsuba 0.x's, which takes their roughness as that of Beckmann's.
+    let kinds = [
+        ("beckmann", MicrofacetKind::Beckmann),
+        ("ggx", MicrofacetKind::Ggx),
+        ("phong", MicrofacetKind::Beckmann),
+        ("as", MicrofacetKind::Beckmann),
+    ];
     let kind = reader.choice("distribution", &kinds, MicrofacetKind::Beckmann)?;
+    if let Some(written @ ("phong" | "as")) = reader.string("distribution")? {
+        let instead = format!("`beckmann` of the same roughness stands in for `{written}`");
+        reader.warn_of("distribution", &instead);
+    }
     reader.boolean("sample_visible", true)?;
     for name in ["alpha", "alpha_u", "alpha_v"] {
         if let Some(child) = reader

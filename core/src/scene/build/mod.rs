@@ -12,12 +12,13 @@ use super::error::{Place, SceneError, within};
 use super::loader::{LoadedFile, Loader};
 use super::mesh::MeshTotals;
 use super::reader::Reader;
-use super::{Scene, SceneWarning, ShapeBinding, Wishes, lamps};
+use super::{Scene, ShapeBinding, Wishes, lamps};
 use crate::geometry::{Geometry, Shape, ShapeId};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
 use crate::math::{AnimatedTransform, Transform};
 use crate::motion::Motion;
+use crate::spectrum::Spectrum;
 use crate::texture::Bitmap;
 use sensor::View;
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,7 +69,7 @@ pub(crate) fn build(
         let built = builder.emitter(emitter.target);
         description.attempt(emitter.target, built)?;
     }
-    scene.finish()?;
+    scene.finish();
     if description.faults.any() {
         return Ok(None);
     }
@@ -106,7 +107,6 @@ struct Builder<'b, 'f> {
     used_area_lights: BTreeSet<ObjectId>,
     /// The place of the environment light, of which there may be one.
     environment: Option<Place>,
-    warnings: Vec<SceneWarning>,
 }
 
 impl<'b, 'f> Builder<'b, 'f> {
@@ -127,7 +127,6 @@ impl<'b, 'f> Builder<'b, 'f> {
             texels: 0,
             used_area_lights: BTreeSet::new(),
             environment: None,
-            warnings: Vec::new(),
         }
     }
 
@@ -160,11 +159,8 @@ impl<'b, 'f> Builder<'b, 'f> {
         Ok(view)
     }
 
-    fn warn(&mut self, place: &Place, message: impl Into<String>) {
-        self.warnings.push(SceneWarning {
-            place: place.clone(),
-            message: message.into(),
-        });
+    fn warn(&self, place: &Place, message: impl Into<String>) {
+        self.description.warnings.note(place, message);
     }
 
     fn reader(&self, object: ObjectId) -> Reader<'b> {
@@ -199,9 +195,10 @@ impl<'b, 'f> Builder<'b, 'f> {
             return Err(missing(place, "a <shape>: the scene is empty"));
         }
         if self.lights.is_empty() {
-            let what = "an <emitter>, without which the picture is black (such as <emitter type=\"constant\"/>, or one of type \
-                        `area` in a <shape>),";
-            return Err(missing(place, what));
+            let message = "the scene has no <emitter>: it is lit from all sides by radiance 1, as by <emitter type=\"constant\"/>";
+            self.warn(place, message);
+            let radiance = Spectrum::ONE;
+            self.lights.push((Light::Constant { radiance }, place.clone()));
         }
         let geometry = Geometry::build(std::mem::take(&mut self.shapes));
         let view = match view {
@@ -216,7 +213,9 @@ impl<'b, 'f> Builder<'b, 'f> {
         };
         let View { sensor, film, .. } = view;
         let (warnings, small_lamp) = lamps::examine(&self.lights, &geometry);
-        self.warnings.extend(warnings);
+        for warning in warnings {
+            self.warn(&warning.place, warning.message);
+        }
         let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
         Ok(Scene {
             geometry,
@@ -226,7 +225,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             sensor,
             film,
             wishes,
-            warnings: self.warnings,
+            warnings: self.description.warnings.take(),
             motion: (!self.motion.is_empty()).then_some(self.motion),
             small_lamp,
         })

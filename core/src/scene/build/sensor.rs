@@ -21,18 +21,6 @@ const OTHER_SENSORS: [&str; 6] = [
     "telecentric",
     "spherical",
 ];
-const SAMPLERS: [&str; 9] = [
-    "independent",
-    "stratified",
-    "multijitter",
-    "orthogonal",
-    "ldsampler",
-    "halton",
-    "hammersley",
-    "sobol",
-    "deterministic",
-];
-
 /// A camera with its film.
 pub(super) struct View {
     pub(super) sensor: Sensor,
@@ -155,7 +143,7 @@ pub(super) fn build(
         None => None,
     };
     let (sensor, motion) = camera(&reader, film.resolution)?;
-    reader.finish()?;
+    reader.finish();
     let view = View {
         sensor,
         film,
@@ -163,6 +151,36 @@ pub(super) fn build(
     };
     Ok((view, motion))
 }
+
+/// Films, which are all the same here.
+const FILMS: [&str; 5] = ["hdrfilm", "ldrfilm", "tiledhdrfilm", "mfilm", "specfilm"];
+
+/// What Mitsuba's films of all ages say of files, of their looks on a screen and of borders.
+const FILM_WITHOUT_EFFECT: [&str; 23] = [
+    "attach_log",
+    "banner",
+    "burn",
+    "channel_names",
+    "compensate",
+    "component_format",
+    "contrast",
+    "digits",
+    "exposure",
+    "file_format",
+    "gamma",
+    "has_alpha",
+    "high_quality_edges",
+    "key",
+    "label",
+    "pixel_format",
+    "render_time_annotation",
+    "sample_border",
+    "tonemap_method",
+    "variable",
+    "view",
+    "white_point",
+    "write_xyz",
+];
 
 const DEFAULT_RESOLUTION: [u32; 2] = [768, 576];
 const DEFAULT_FILTER: Filter = Filter::Gaussian { stddev: 0.5 };
@@ -344,13 +362,13 @@ fn focal_length(reader: &Reader) -> Result<Option<f64>, SceneError> {
 }
 
 fn film_settings(reader: &Reader, description: &Description, limits: &Limits) -> Result<FilmSettings, SceneError> {
-    if reader.object.plugin != "hdrfilm" {
-        return match reader.object.plugin.as_str() {
-            other @ ("ldrfilm" | "specfilm" | "mfilm" | "tiledhdrfilm") => {
-                Err(reader.unsupported(format!("type `{other}`"), "there is: hdrfilm"))
-            }
-            _ => Err(reader.unknown_type(&["hdrfilm"])),
-        };
+    match reader.object.plugin.as_str() {
+        "hdrfilm" | "ldrfilm" | "tiledhdrfilm" | "mfilm" => {}
+        other @ "specfilm" => reader.warn(
+            reader.place(),
+            format_args!("type `{other}`: the picture has red, green and blue, and not the film's spectral channels"),
+        ),
+        _ => return Err(reader.unknown_type(&FILMS)),
     }
     let size = |name, default: u32| {
         Ok::<_, SceneError>(reader.integer(name, 1..=1 << 16)?.unwrap_or(i64::from(default)) as u32)
@@ -375,18 +393,8 @@ fn film_settings(reader: &Reader, description: &Description, limits: &Limits) ->
             reader.fault(reader.wrong(name, reason))?;
         }
     }
-    for name in ["sample_border", "high_quality_edges"] {
-        if reader.boolean(name, false)? {
-            let reason = "it is not supported and not needed: each sample belongs to one pixel";
-            reader.fault(reader.wrong(name, reason))?;
-        }
-    }
-    reader.boolean("compensate", false)?;
-    let choices = |names: &[&'static str]| names.iter().map(|name| (*name, ())).collect::<Vec<_>>();
-    reader.choice("file_format", &choices(&["openexr", "exr", "rgbe", "pfm"]), ())?;
-    let formats = ["luminance", "luminance_alpha", "rgb", "rgba", "xyz", "xyza"];
-    reader.choice("pixel_format", &choices(&formats), ())?;
-    reader.choice("component_format", &choices(&["float16", "float32", "uint32"]), ())?;
+    // Samples belong to one pixel each, so that edges need no border; and files are written in the formats of this program.
+    reader.ignore(&FILM_WITHOUT_EFFECT);
     let filter = match reader.only_child(Kind::Filter)? {
         Some(filter) => {
             let built = reconstruction_filter(&Reader::new(description, filter.target));
@@ -394,7 +402,7 @@ fn film_settings(reader: &Reader, description: &Description, limits: &Limits) ->
         }
         None => DEFAULT_FILTER,
     };
-    reader.finish()?;
+    reader.finish();
     Ok(FilmSettings { resolution, filter })
 }
 
@@ -411,25 +419,25 @@ fn reconstruction_filter(reader: &Reader) -> Result<Filter, SceneError> {
             stddev: width("stddev", 0.5)?,
         },
         other @ ("mitchell" | "catmullrom" | "lanczos") => {
-            let instead = "its negative lobes cannot be sampled; there are: box, tent, gaussian";
-            return Err(reader.unsupported(format!("type `{other}`"), instead));
+            let without = "its negative lobes cannot be sampled";
+            reader.warn(
+                reader.place(),
+                format_args!(
+                    "type `{other}`: {without}; the default filter stands in for it, and the picture is a little softer"
+                ),
+            );
+            reader.accept_rest();
+            DEFAULT_FILTER
         }
         _ => return Err(reader.unknown_type(&["box", "tent", "gaussian"])),
     };
-    reader.finish()?;
+    reader.finish();
     Ok(filter)
 }
 
-/// The renderer has its own random numbers; of a sampler only the count matters.
+/// The renderer has its own random numbers; of a sampler, whatever its type, only the count matters.
 fn sample_count(reader: &Reader) -> Result<Option<u32>, SceneError> {
-    if !SAMPLERS.contains(&reader.object.plugin.as_str()) {
-        return Err(reader.unknown_type(&SAMPLERS));
-    }
     let count = reader.integer("sample_count", 1..=i64::from(u32::MAX))?;
-    reader.integer("seed", 0..=i64::MAX)?;
-    reader.boolean("jitter", true)?;
-    reader.integer("dimension", 1..=i64::MAX)?;
-    reader.integer("scramble", -1..=i64::MAX)?;
-    reader.finish()?;
+    reader.accept_rest();
     Ok(count.map(|count| count as u32))
 }

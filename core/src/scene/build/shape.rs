@@ -101,13 +101,18 @@ impl Builder<'_, '_> {
     /// The radiance of a shape's area light.
     fn area_light(&mut self, shape: &Reader, emitter: &Child) -> Result<Texture, SceneError> {
         let light = self.reader(emitter.target);
-        if light.object.plugin != "area" {
+        if light.object.plugin == "directionalarea" {
+            light.warn(
+                &emitter.place,
+                "this type does not exist yet: it is rendered as `area`, which shines to all sides",
+            );
+        } else if light.object.plugin != "area" {
             let reason = "the emitter of a shape must have type `area`";
             return Err(SceneError::value(&emitter.place, shape.context(), reason));
         }
         let radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
         super::light::check_sampling_weight(&light)?;
-        light.finish()?;
+        light.finish();
         Ok(radiance)
     }
 
@@ -118,7 +123,7 @@ impl Builder<'_, '_> {
         to_world: &Transform,
         flip: bool,
     ) -> Result<Shape, SceneError> {
-        reader.finish()?;
+        reader.finish();
         let mut mesh = mesh::finish(raw, to_world, false, flip).map_err(|reason| reader.wrong("to_world", reason))?;
         // The corners' normals have told the outer side; within a face they are all the same.
         mesh.normals.clear();
@@ -132,15 +137,16 @@ impl Builder<'_, '_> {
         let mut face_normals = reader.boolean("face_normals", false)?;
         let flip_v = reader.boolean("flip_tex_coords", plugin == "obj")?;
         if reader.property("max_smooth_angle").is_some() {
-            let reason = "it is not supported; give the file normals, or set `face_normals`";
-            reader.fault(reader.wrong("max_smooth_angle", reason))?;
+            let without =
+                "normals are those of the file, or smooth over all edges; set `face_normals` for a faceted look";
+            reader.warn_of("max_smooth_angle", without);
         }
         let index = match plugin {
             "serialized" => reader.integer("shape_index", 0..=i64::from(u32::MAX - 1))?.unwrap_or(0),
             _ => 0,
         };
         reader.string("filename")?;
-        reader.finish()?;
+        reader.finish();
         let file = self.file(reader)?;
         let source = MeshFile::new(&file, self.loader.limits, self.meshes);
         let read = match plugin {
@@ -167,7 +173,7 @@ impl Builder<'_, '_> {
 fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
     let center = reader.vector("center")?.unwrap_or(DVec3::ZERO);
     let radius = reader.float_or("radius", POSITIVE, 1.0)?;
-    reader.finish()?;
+    reader.finish();
     let unit_to_world = DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(radius));
     let unit_to_world = Transform::from_matrix(unit_to_world).map(|placed| to_world.after(&placed));
     let placed = unit_to_world.ok_or_else(|| reader.wrong("radius", "the sphere is too small or too large"))?;
@@ -184,7 +190,7 @@ fn sphere(reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, Sc
 }
 
 fn disk(reader: &Reader, to_world: Transform, flip: bool) -> Result<Shape, SceneError> {
-    reader.finish()?;
+    reader.finish();
     let (u, v) = (to_world.vector(Vec3::X), to_world.vector(Vec3::Y));
     check_extent(reader, to_world.point(Vec3::ZERO), u.length().max(v.length()))?;
     if u.as_dvec3().cross(v.as_dvec3()).length() < 1e-18 {

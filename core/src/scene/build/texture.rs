@@ -72,14 +72,22 @@ impl Builder<'_, '_> {
                 odd: self.colour_or(&reader, "color1", role, 0.2)?,
                 to_uv: uv_transform(&reader)?,
             },
+            "gridtexture" | "mesh_attribute" | "vertexcolors" | "volume" | "wireframe" | "curvature" => {
+                let without = "this type does not exist yet: an even grey of 0.5 stands in for it";
+                reader.warn(reader.place(), without);
+                reader.accept_rest();
+                Texture::Constant(Spectrum::splat(0.5))
+            }
             _ => return Err(reader.unknown_type(&["bitmap", "checkerboard"])),
         };
-        reader.finish()?;
+        reader.finish();
         Ok(texture)
     }
 
     fn bitmap(&mut self, reader: &Reader, role: Role) -> Result<Arc<Bitmap>, SceneError> {
-        let raw = reader.boolean("raw", false)?;
+        // Mitsuba 0.x says by the exponent 1 that an image is linear.
+        let linear = reader.float("gamma", ANY)? == Some(1.0);
+        let raw = reader.boolean("raw", linear)?;
         let wraps = [
             ("repeat", WrapMode::Repeat),
             ("mirror", WrapMode::Mirror),
@@ -89,14 +97,18 @@ impl Builder<'_, '_> {
         let filters = [
             ("bilinear", TextureFilter::Bilinear),
             ("nearest", TextureFilter::Nearest),
+            // Filters of Mitsuba 0.x over a pixel's footprint: the samples of a pixel spread over it.
+            ("trilinear", TextureFilter::Bilinear),
+            ("ewa", TextureFilter::Bilinear),
         ];
         let filter = reader.choice("filter_type", &filters, TextureFilter::Bilinear)?;
         reader.string("filename")?;
-        reader.finish()?;
+        reader.ignore(&["accel", "cache", "format", "max_anisotropy"]);
+        reader.finish();
         let bitmap = self.bitmap_file(reader, raw, wrap, filter)?;
         if raw && image::is_encoded(&self.file(reader)?.bytes) {
-            let message = "`raw` takes the sRGB values of this image as linear, so that its colours come out too light; leave it out";
-            self.warn(&reader.object.properties["raw"].place, message);
+            let message = "it takes the sRGB values of this image as linear, so that its colours come out too light; leave it out";
+            reader.warn_of("raw", message);
         }
         let brightest = bitmap
             .texels

@@ -15,6 +15,7 @@ use super::description::{Child, Description, Kind, Object, ObjectId, Property, V
 use super::error::{Place, SceneError, nearest, within};
 use super::faults::Faults;
 use super::loader::{LoadedFile, Loader};
+use super::warning::Warnings;
 use attributes::ElementFaults;
 use document::Document;
 use names::snake_case;
@@ -31,6 +32,7 @@ pub(crate) fn read(
     main: &str,
     defines: &BTreeMap<String, String>,
     faults: &Rc<Faults>,
+    warnings: &Rc<Warnings>,
 ) -> Result<Description, SceneError> {
     let place = Place::whole(main);
     let file = loader.open(&place, &[String::new()], main)?;
@@ -44,6 +46,7 @@ pub(crate) fn read(
         included: 0,
         bytes: 0,
         faults: faults.clone(),
+        warnings: warnings.clone(),
         incomplete: false,
     };
     let read = reader.file(&file, &place, &[], None, 1);
@@ -68,6 +71,7 @@ struct XmlReader<'r, 'f> {
     /// Bytes of XML read, repetitions and filled-in values included.
     bytes: u64,
     faults: Rc<Faults>,
+    warnings: Rc<Warnings>,
     /// Whether a fault has lost what would define ids and parameters.
     incomplete: bool,
 }
@@ -226,6 +230,11 @@ impl XmlReader<'_, '_> {
             "path" => self.path(context, node)?,
             "ref" => self.reference(context, node)?,
             "alias" => self.alias(context, node)?,
+            // Of a program of old that wrote Mitsuba's format; nothing in the picture hangs on them.
+            "hide" | "mode" => {
+                self.warnings.note(&place, format!("<{name}> is left out"));
+                return Ok(());
+            }
             _ => {
                 let (name, value) = self.property(context, node)?;
                 self.set(context.parent, &place, &name, value)?;
@@ -301,7 +310,8 @@ impl XmlReader<'_, '_> {
             ));
         }
         if object.properties.contains_key(&name) {
-            return Err(SceneError::value(place, format!("`{name}`"), "it is given twice"));
+            self.warnings
+                .note(place, format!("`{name}`: it is given twice; this value counts"));
         }
         object.properties.insert(
             name,
@@ -353,15 +363,12 @@ impl XmlReader<'_, '_> {
         let value = attributes.settle(value)?;
         let search = self.objects[context.parent].search.clone();
         let base = search.first().map_or("", String::as_str);
-        let joined = if base.is_empty() || value.starts_with('/') {
+        let joined = if base.is_empty() || value.starts_with(['/', '\\']) {
             value
         } else {
             format!("{base}/{value}")
         };
-        let folder = match joined.as_str() {
-            "." | "./" => String::new(),
-            _ => super::files::normalise(&joined).map_err(|error| error.at(&place))?,
-        };
+        let folder = super::files::normalise_folder(&joined).map_err(|error| error.at(&place))?;
         let folders: Vec<String> = std::iter::once(folder).chain(search.iter().cloned()).collect();
         within(
             &place,
@@ -441,6 +448,7 @@ impl XmlReader<'_, '_> {
             objects: self.objects,
             ids: self.ids.into_iter().map(|(id, (object, _))| (id, object)).collect(),
             faults: self.faults,
+            warnings: self.warnings,
         })
     }
 }

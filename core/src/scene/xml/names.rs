@@ -44,14 +44,6 @@ pub(super) fn check_version(place: &Place, version: &str) -> Result<(), SceneErr
 
 /// The error for an element that is no object and no value.
 pub(super) fn unknown_element(place: &Place, element: &str) -> SceneError {
-    if ["medium", "volume", "phase", "subsurface", "field"].contains(&element) {
-        return SceneError::Unsupported {
-            place: place.clone(),
-            context: "scene".into(),
-            what: format!("element <{element}>"),
-            instead: "scenes consist of surfaces in empty space".into(),
-        };
-    }
     let objects = Kind::ELEMENTS
         .iter()
         .map(|(name, _)| *name)
@@ -64,7 +56,9 @@ pub(super) fn unknown_element(place: &Place, element: &str) -> SceneError {
         "point",
         "vector",
         "rgb",
+        "srgb",
         "spectrum",
+        "blackbody",
         "transform",
         "animation",
     ];

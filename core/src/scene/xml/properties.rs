@@ -19,7 +19,10 @@ impl XmlReader<'_, '_> {
         if element == "spectrum" {
             return self.spectrum(context, node);
         }
-        let scalar = ["float", "integer", "boolean", "string", "rgb"];
+        if element == "blackbody" {
+            return self.blackbody(context.document, node);
+        }
+        let scalar = ["float", "integer", "boolean", "string", "rgb", "srgb"];
         if !scalar.contains(&element) {
             return Err(names::unknown_element(&place, element).into());
         }
@@ -30,6 +33,7 @@ impl XmlReader<'_, '_> {
             "integer" => values::integer(&text).map(Value::Integer),
             "boolean" => values::boolean(&text).map(Value::Boolean),
             "rgb" => values::rgb(&text).map(Value::Rgb),
+            "srgb" => values::srgb(&text).map(Value::Rgb),
             _ => Ok(Value::String(text)),
         });
         let value = value.and_then(|value| named(&mut attributes, name.as_deref(), "value", value));
@@ -63,6 +67,11 @@ impl XmlReader<'_, '_> {
         let name = attributes.take("name");
         let (text, filename) = (attributes.given.remove("value"), attributes.given.remove("filename"));
         let value = match (text, filename) {
+            // Builds of Mitsuba 0.x that render in RGB take three numbers for that.
+            (Some(text), None) if values::is_triple(&text) => {
+                let rgb = named(&mut attributes, name.as_deref(), "value", values::rgb(&text));
+                return attributes.settle(name.zip(rgb.map(Value::Rgb)));
+            }
             (Some(text), None) => named(&mut attributes, name.as_deref(), "value", values::spectrum(&text)),
             (None, Some(filename)) => match self.spectrum_file(context, &attributes.place, &filename) {
                 Ok(spectrum) => Some(spectrum),
@@ -82,6 +91,25 @@ impl XmlReader<'_, '_> {
             }
         };
         attributes.settle(name.zip(value.map(Value::Spectrum)))
+    }
+
+    /// The light of a black body, of Mitsuba 0.x.
+    fn blackbody(&mut self, document: &Document, node: Node) -> Result<(String, Value), ElementFaults> {
+        let mut attributes = self.attributes(document, node, &["name", "temperature", "scale"])?;
+        let (name, text) = (attributes.take("name"), attributes.take("temperature"));
+        let kelvin = text.and_then(|text| {
+            let number = text.trim().trim_end_matches(['K', 'k']);
+            let kelvin = values::float(number).and_then(values::temperature);
+            named(&mut attributes, name.as_deref(), "temperature", kelvin)
+        });
+        let scale = match attributes.given.remove("scale") {
+            Some(text) => named(&mut attributes, name.as_deref(), "scale", values::float(&text)),
+            None => Some(1.0),
+        };
+        let value = kelvin
+            .zip(scale)
+            .map(|(kelvin, scale)| Value::Spectrum(values::blackbody(kelvin, scale)));
+        attributes.settle(name.zip(value))
     }
 
     fn spectrum_file(

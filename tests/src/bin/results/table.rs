@@ -167,7 +167,11 @@ impl Row {
 
     /// The cells that are neither right nor black where they must be, in words.
     fn outside(&self) -> impl Iterator<Item = String> {
-        self.ratios.iter().filter_map(|(column, ratio)| {
+        let told = self
+            .ratios
+            .iter()
+            .filter(|(column, ratio)| !(ratio.is_black() && is_left_to_chance(*column, &self.layout)));
+        told.filter_map(|(column, ratio)| {
             let expected = self.expected(*column);
             let reach = if expected == 0.0 {
                 0.0
@@ -188,6 +192,15 @@ impl Row {
             })
         })
     }
+}
+
+/// Whether light along the chain is found by light paths alone that hit the lens, so rarely that there may be none.
+fn is_left_to_chance(column: Column, layout: &Layout) -> bool {
+    let pinhole = Layout {
+        eye: Eye::Pinhole,
+        ..*layout
+    };
+    layout.eye == Eye::ThinLens && matches!(column, Column::Bdpt | Column::Vcm) && must_be_black(column, &pinhole)
 }
 
 /// Whether the integrator has no way to sample light along the chain.

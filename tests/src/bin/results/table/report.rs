@@ -23,7 +23,8 @@ reach the camera by its chain only, and `max_depth` is the length of that chain.
 * `pcf nested`: the same with `nested=true`: light that comes straight to a mirror is read from cones there, so no chain is left to chance.
 * `pcf k=1`: cones at the first surface, mirror or not (`lookup_vertex=1`).
 * `bdpt`: camera paths and light paths, connected with each other, with lights and with the lens. A mirror is connected with nothing, so that a
-  delta function behind mirrors on both sides of every surface stays black, but where light paths hit a thin lens by chance.
+  delta function behind mirrors on both sides of every surface stays black, but where light paths hit a thin lens by chance. Some of those cells are black too: no path
+  hit it.
 * `vcm`: the same, and the paths merged at the surfaces that are no mirrors.
 
 True values do not come from an integrator. The mirrors are unfolded (the method of images), and what is left is a quadrature: of irradiance over the
