@@ -202,17 +202,12 @@ impl SceneError {
         name: &str,
         allowed: impl IntoIterator<Item = &'a str>,
     ) -> Self {
-        let allowed: Vec<&str> = allowed.into_iter().collect();
         Self::Unknown {
             place: place.clone(),
             context: context.into(),
             what,
             name: shortened(name),
-            allowed: if allowed.is_empty() {
-                "none".into()
-            } else {
-                allowed.join(", ")
-            },
+            allowed: list(allowed),
         }
     }
 
@@ -252,8 +247,17 @@ pub(crate) fn shortened(text: &str) -> String {
     }
 }
 
+/// Names as a list for messages.
+pub(crate) fn list<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    let names: Vec<&str> = names.into_iter().collect();
+    match names.is_empty() {
+        true => "none".into(),
+        false => names.join(", "),
+    }
+}
+
 /// A question for messages where `name` looks like one of the list `allowed`, or nothing.
-fn did_you_mean(name: &str, allowed: &str) -> String {
+pub(crate) fn did_you_mean(name: &str, allowed: &str) -> String {
     nearest(name, allowed.split(", ")).map_or(String::new(), |name| format!(" did you mean `{name}`?"))
 }
 

@@ -1,7 +1,7 @@
 //! Typed access to a described object that notices what was never asked for.
 
 use super::description::{Child, Description, Kind, Object, ObjectId, Property, SpectrumValue, Value};
-use super::error::{Place, SceneError, nearest, shortened};
+use super::error::{Place, SceneError, did_you_mean, list, nearest, shortened};
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::RefCell;
@@ -345,13 +345,8 @@ impl<'d> Reader<'d> {
     pub(crate) fn finish(&self) {
         let (asked, taken) = (self.asked.borrow(), self.taken.borrow());
         let unknown = |place: &Place, what: &str, name: &str, written: &str| {
-            let known: Vec<&str> = asked.iter().map(String::as_str).collect();
-            let hint = nearest(name, known.iter().copied())
-                .map_or(String::new(), |nearest| format!(" did you mean `{nearest}`?"));
-            let known = match known.is_empty() {
-                true => "none".to_owned(),
-                false => known.join(", "),
-            };
+            let known = list(asked.iter().map(String::as_str));
+            let hint = did_you_mean(name, &known);
             let message = format_args!("{what} `{written}` is not known here and left out;{hint} known: {known}");
             self.warn(place, message);
         };

@@ -310,13 +310,13 @@ fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
 fn microfacets(reader: &Reader) -> Result<Microfacets, SceneError> {
     // The last two are Mitsuba 0.x's, which takes their roughness as that of Beckmann's.
     let kinds = [
-        ("beckmann", MicrofacetKind::Beckmann),
-        ("ggx", MicrofacetKind::Ggx),
-        ("phong", MicrofacetKind::Beckmann),
-        ("as", MicrofacetKind::Beckmann),
+        ("beckmann", (MicrofacetKind::Beckmann, None)),
+        ("ggx", (MicrofacetKind::Ggx, None)),
+        ("phong", (MicrofacetKind::Beckmann, Some("phong"))),
+        ("as", (MicrofacetKind::Beckmann, Some("as"))),
     ];
-    let kind = reader.choice("distribution", &kinds, MicrofacetKind::Beckmann)?;
-    if let Some(written @ ("phong" | "as")) = reader.string("distribution")? {
+    let (kind, replaced) = reader.choice("distribution", &kinds, (MicrofacetKind::Beckmann, None))?;
+    if let Some(written) = replaced {
         let instead = format!("`beckmann` of the same roughness stands in for `{written}`");
         reader.warn_of("distribution", &instead);
     }

@@ -192,6 +192,11 @@ fn conductors_of_the_old_dialect() {
     assert_eq!(of("<float name='extEta' value='2'/>"), (0.5, 1.5, vec![]));
     let (_, _, warnings) = of("<string name='distribution' value='phong'/>");
     assert!(warnings.len() == 1 && warnings[0].contains("`beckmann` of the same roughness"));
+    let (_, _, warnings) = of("<integer name='distribution' value='1'/>");
+    assert!(
+        warnings.len() == 1 && warnings[0].contains("a number names no choice here"),
+        "{warnings:?}"
+    );
 }
 
 /// Three numbers of a spectrum are red, green and blue, as in builds of Mitsuba 0.x for RGB; `srgb` is encoded.
