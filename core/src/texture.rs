@@ -1,9 +1,10 @@
-//! Textures: colour as a function of surface coordinates.
+//! Textures: colour as a function of the place on a surface.
 //!
 //! Conventions are Mitsuba 3's: u runs to the right, v runs *down* the image, texel (i, j) covers
 //! `[i, i + 1) / width` by `[j, j + 1) / height`, and its value holds at its centre.
 
-use crate::math::Vec2;
+use crate::geometry::SurfacePoint;
+use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;
 use std::sync::Arc;
 
@@ -24,6 +25,24 @@ pub enum Texture {
     },
     /// An image; the transform is applied to the surface coordinates first.
     Bitmap(Arc<Bitmap>, UvTransform),
+}
+
+/// What a texture is a function of.
+#[derive(Clone, Copy, Debug)]
+pub struct TexturePoint {
+    /// Surface coordinates.
+    pub uv: Vec2,
+    /// Position in the world [scene units].
+    pub position: Vec3,
+}
+
+impl From<&SurfacePoint> for TexturePoint {
+    fn from(point: &SurfacePoint) -> Self {
+        Self {
+            uv: point.uv,
+            position: point.position,
+        }
+    }
 }
 
 /// Affine map of surface coordinates: linear part by rows, then offset.
@@ -71,17 +90,17 @@ pub enum TextureFilter {
 }
 
 impl Texture {
-    /// The value at surface coordinates `uv`.
+    /// The value at a point.
     #[must_use]
-    pub fn eval(&self, uv: Vec2) -> Spectrum {
+    pub fn eval(&self, at: &TexturePoint) -> Spectrum {
         match self {
             Self::Constant(value) => *value,
             Self::Checkerboard { even, odd, to_uv } => {
-                let cell = to_uv.apply(uv);
+                let cell = to_uv.apply(at.uv);
                 let upper = (cell - cell.floor()).cmpgt(Vec2::splat(0.5));
                 if upper.x == upper.y { *even } else { *odd }
             }
-            Self::Bitmap(bitmap, to_uv) => bitmap.eval(to_uv.apply(uv)),
+            Self::Bitmap(bitmap, to_uv) => bitmap.eval(to_uv.apply(at.uv)),
         }
     }
 
@@ -179,6 +198,13 @@ mod tests {
         }
     }
 
+    fn at(uv: [f32; 2]) -> TexturePoint {
+        TexturePoint {
+            uv: uv.into(),
+            position: Vec3::ZERO,
+        }
+    }
+
     const POINTS: [[f32; 2]; 7] = [
         [0.1, 0.05],
         [0.3, 0.4],
@@ -229,7 +255,7 @@ mod tests {
     fn coordinates_are_transformed_as_in_mitsuba() {
         let texture = Texture::Bitmap(Arc::new(bitmap(WrapMode::Repeat, TextureFilter::Bilinear)), SKEW);
         for (uv, value) in [([0.3, 0.4], [2.82, 1.24, 3.16]), ([0.7, 0.9], [1.62, 0.76, 1.72])] {
-            let found = texture.eval(uv.into()).to_rgb();
+            let found = texture.eval(&at(uv)).to_rgb();
             assert!((0..3).all(|c| (found[c] - value[c]).abs() < 1e-5), "{uv:?} {found:?}");
         }
     }
@@ -257,7 +283,7 @@ mod tests {
                 to_uv,
             };
             for (uv, even) in uvs.into_iter().zip(evens) {
-                assert_eq!(texture.eval(uv.into()) == Spectrum::ONE, even, "{to_uv:?} {uv:?}");
+                assert_eq!(texture.eval(&at(uv)) == Spectrum::ONE, even, "{to_uv:?} {uv:?}");
             }
         }
     }

@@ -354,7 +354,7 @@ impl Lights {
                 if !emits_along(&towards.point, -towards.direction) {
                     return None;
                 }
-                let radiance = radiance.eval(towards.point.uv);
+                let radiance = radiance.eval(&(&towards.point).into());
                 let pdf = towards.pdf * probability;
                 LightSample {
                     wi: towards.direction,
@@ -419,7 +419,7 @@ impl Lights {
     #[must_use]
     pub fn emitted(&self, light: LightId, hit: &SurfacePoint, wo: Vec3) -> Spectrum {
         match &self.sources[light.0 as usize] {
-            Source::Area { radiance, .. } if emits_along(hit, wo) => radiance.eval(hit.uv),
+            Source::Area { radiance, .. } if emits_along(hit, wo) => radiance.eval(&hit.into()),
             _ => Spectrum::ZERO,
         }
     }
@@ -467,7 +467,7 @@ impl Lights {
                 let direction = Frame::from_normal(point.geometric_normal).to_world(local).normalize();
                 EmissionSample {
                     ray: point.ray_towards(direction),
-                    flux: radiance.eval(point.uv) * (PI * sampler.area()) / probability,
+                    flux: radiance.eval(&(&point).into()) * (PI * sampler.area()) / probability,
                     origin: Origin::Area(LightId(index as u32), point),
                     pdf_position: probability / sampler.area(),
                     pdf_direction: FRAC_1_PI * point.geometric_normal.dot(direction).max(0.0),

@@ -3,7 +3,7 @@
 use crate::geometry::Ray;
 use crate::math::{Frame, PI, Transform, Vec2, Vec3, tan};
 use crate::spectrum::Spectrum;
-use crate::texture::Texture;
+use crate::texture::{Texture, TexturePoint};
 
 /// A point light that throws an image, as Mitsuba's `projector`: a white diffuse surface on the plane at distance 1 shows it.
 #[derive(Clone, Debug)]
@@ -83,7 +83,11 @@ impl Projector {
 
     /// Irradiance of the plane [W/unit^2]: that by which a white surface has the image's radiance.
     fn irradiance(&self, uv: Vec2) -> Spectrum {
-        self.image.eval(uv) * (PI * self.scale)
+        let at = TexturePoint {
+            uv,
+            position: self.position,
+        };
+        self.image.eval(&at) * (PI * self.scale)
     }
 
     /// Area of the image on the plane.

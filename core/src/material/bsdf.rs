@@ -3,7 +3,7 @@
 use super::{Coat, GRAZING, Microfacets, TransportMode, coat, conductor, dielectric, diffuse};
 use crate::math::{ONE_MINUS_EPSILON, Vec2, Vec3};
 use crate::spectrum::Spectrum;
-use crate::texture::Texture;
+use crate::texture::{Texture, TexturePoint};
 
 /// How a surface scatters at one point, seen from one of its sides. Made by [`super::Material::resolve`].
 #[derive(Clone, Copy, Debug)]
@@ -114,10 +114,10 @@ pub struct Tints {
 }
 
 impl Tints {
-    pub(super) fn new(reflectance: &Texture, transmittance: &Texture, uv: Vec2) -> Self {
+    pub(super) fn new(reflectance: &Texture, transmittance: &Texture, at: &TexturePoint) -> Self {
         Self {
-            reflectance: reflectance.eval(uv),
-            transmittance: transmittance.eval(uv),
+            reflectance: reflectance.eval(at),
+            transmittance: transmittance.eval(at),
         }
     }
 }

@@ -29,7 +29,7 @@ pub use coat::Coat;
 
 use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;
-use crate::texture::Texture;
+use crate::texture::{Texture, TexturePoint};
 
 /// What is estimated along the path: radiance on paths from the camera, flux on paths from a light.
 /// It matters for refraction (radiance is scaled by the squared ratio of indices; flux is not) and for shading normals.
@@ -137,13 +137,13 @@ fn turned(w: Vec3) -> Vec3 {
 }
 
 impl Material {
-    /// What the material does at a point with texture coordinates `uv`, seen from the local direction `wo`: its textures are
+    /// What the material does at a point, seen from the local direction `wo`: its textures are
     /// looked up here and nowhere else. Of `wo` only the side counts.
     #[must_use]
-    pub fn resolve(&self, uv: Vec2, wo: Vec3) -> Bsdf {
+    pub fn resolve(&self, at: &TexturePoint, wo: Vec3) -> Bsdf {
         Bsdf::of(match self {
             Self::Diffuse { reflectance } => Lobe::Diffuse {
-                reflectance: reflectance.eval(uv),
+                reflectance: reflectance.eval(at),
             },
             Self::Dielectric {
                 eta,
@@ -151,7 +151,7 @@ impl Material {
                 specular_transmittance,
             } => Lobe::Dielectric {
                 eta: *eta,
-                tints: Tints::new(specular_reflectance, specular_transmittance, uv),
+                tints: Tints::new(specular_reflectance, specular_transmittance, at),
             },
             Self::RoughDielectric {
                 eta,
@@ -161,7 +161,7 @@ impl Material {
             } => Lobe::RoughDielectric {
                 eta: *eta,
                 facets: *distribution,
-                tints: Tints::new(specular_reflectance, specular_transmittance, uv),
+                tints: Tints::new(specular_reflectance, specular_transmittance, at),
             },
             Self::Conductor {
                 eta,
@@ -170,7 +170,7 @@ impl Material {
             } => Lobe::Conductor {
                 eta: *eta,
                 k: *k,
-                reflectance: specular_reflectance.eval(uv),
+                reflectance: specular_reflectance.eval(at),
             },
             Self::RoughConductor {
                 eta,
@@ -181,16 +181,16 @@ impl Material {
                 eta: *eta,
                 k: *k,
                 facets: *distribution,
-                reflectance: specular_reflectance.eval(uv),
+                reflectance: specular_reflectance.eval(at),
             },
             Self::Plastic {
                 coat,
                 diffuse_reflectance,
                 specular_reflectance,
-            } => return Bsdf::coated(coat, specular_reflectance.eval(uv), diffuse_reflectance.eval(uv)),
+            } => return Bsdf::coated(coat, specular_reflectance.eval(at), diffuse_reflectance.eval(at)),
             Self::Null => Lobe::Null,
-            Self::TwoSided { front, .. } if wo.z > 0.0 => return front.resolve(uv, wo),
-            Self::TwoSided { back, .. } => return back.resolve(uv, turned(wo)).turned(),
+            Self::TwoSided { front, .. } if wo.z > 0.0 => return front.resolve(at, wo),
+            Self::TwoSided { back, .. } => return back.resolve(at, turned(wo)).turned(),
         })
     }
 }

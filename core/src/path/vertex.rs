@@ -60,7 +60,7 @@ impl Vertex {
             point,
             beta: Spectrum::ONE,
             edges: 1,
-            bsdf: scene.material(&point).resolve(point.uv, wo_local),
+            bsdf: scene.material(&point).resolve(&(&point).into(), wo_local),
             wo,
             wo_local,
             mode,

@@ -2,6 +2,8 @@
 
 use super::error::{Place, SceneError};
 use super::faults::Faults;
+use super::loader::LoadedFile;
+use super::mesh::RawMesh;
 use super::warning::Warnings;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
@@ -41,6 +43,64 @@ impl Description {
     }
 }
 
+/// A description that a front end writes object by object. Object 0 is the scene.
+#[allow(dead_code)]
+pub(crate) struct Draft {
+    pub(crate) objects: Vec<Object>,
+    pub(crate) ids: BTreeMap<String, ObjectId>,
+    pub(crate) faults: Rc<Faults>,
+    pub(crate) warnings: Rc<Warnings>,
+}
+
+#[allow(dead_code)]
+impl Draft {
+    /// A scene without objects. `search` are the folders in which its files are looked for.
+    pub(crate) fn new(place: Place, search: Arc<[String]>, faults: &Rc<Faults>, warnings: &Rc<Warnings>) -> Self {
+        Self {
+            objects: vec![Object::new(Kind::Scene, "", None, place, search)],
+            ids: BTreeMap::new(),
+            faults: faults.clone(),
+            warnings: warnings.clone(),
+        }
+    }
+
+    /// Adds an object that nothing refers to yet. `written` is what messages call it, where that is not the element of the XML format.
+    pub(crate) fn add(&mut self, kind: Kind, plugin: &str, written: Option<&str>, place: &Place) -> ObjectId {
+        let search = self.objects[0].search.clone();
+        self.objects
+            .push(Object::new(kind, plugin, written, place.clone(), search));
+        self.objects.len() - 1
+    }
+
+    /// Makes `target` a child of `parent`, with the name that says what it is for.
+    pub(crate) fn link(&mut self, parent: ObjectId, name: Option<&str>, target: ObjectId) {
+        let place = self.objects[target].place.clone();
+        let name = name.map(str::to_owned);
+        self.objects[parent].children.push(Child { name, place, target });
+    }
+
+    /// Sets a property of an object, at the place of the object.
+    pub(crate) fn set(&mut self, object: ObjectId, name: &str, value: Value) {
+        let place = self.objects[object].place.clone();
+        self.set_at(object, name, value, place);
+    }
+
+    /// Sets a property of an object, written at `place`.
+    pub(crate) fn set_at(&mut self, object: ObjectId, name: &str, value: Value, place: Place) {
+        let property = Property { value, place };
+        self.objects[object].properties.insert(name.to_owned(), property);
+    }
+
+    pub(crate) fn finish(self) -> Description {
+        Description {
+            objects: self.objects,
+            ids: self.ids,
+            faults: self.faults,
+            warnings: self.warnings,
+        }
+    }
+}
+
 /// Index into [`Description::objects`].
 pub(crate) type ObjectId = usize;
 
@@ -50,6 +110,8 @@ pub(crate) struct Object {
     pub(crate) kind: Kind,
     /// The `type` attribute; empty for `<scene>`.
     pub(crate) plugin: String,
+    /// What messages call it; `None` stands for the element of the XML format.
+    pub(crate) written: Option<Arc<str>>,
     pub(crate) place: Place,
     /// Folders in which file names are looked for, in order.
     pub(crate) search: Arc<[String]>,
@@ -58,6 +120,21 @@ pub(crate) struct Object {
     pub(crate) children: Vec<Child>,
     /// Whether a fault of it was noted; what follows from that is not told.
     pub(crate) faulty: Cell<bool>,
+}
+
+impl Object {
+    pub(crate) fn new(kind: Kind, plugin: &str, written: Option<&str>, place: Place, search: Arc<[String]>) -> Self {
+        Self {
+            kind,
+            plugin: plugin.to_owned(),
+            written: written.map(Into::into),
+            place,
+            search,
+            properties: BTreeMap::new(),
+            children: Vec::new(),
+            faulty: Cell::new(false),
+        }
+    }
 }
 
 /// A value with its place.
@@ -135,6 +212,7 @@ impl Kind {
 
 /// A typed value. Numbers are finite.
 #[derive(Debug)]
+#[allow(dead_code)]
 pub(crate) enum Value {
     Float(f64),
     Integer(i64),
@@ -146,6 +224,10 @@ pub(crate) enum Value {
     Spectrum(SpectrumValue),
     Transform(Box<Transform>),
     Animation(AnimatedTransform),
+    /// The triangles of a shape of type `mesh`, which other formats hold in the scene file itself.
+    Mesh(Arc<RawMesh>),
+    /// A file in place of its name, where the scene file holds its content.
+    File(LoadedFile),
 }
 
 impl Value {
@@ -160,6 +242,8 @@ impl Value {
             Self::Spectrum(_) => "spectrum",
             Self::Transform(_) => "transform",
             Self::Animation(_) => "animation",
+            Self::Mesh(_) => "mesh",
+            Self::File(_) => "file",
         }
     }
 }

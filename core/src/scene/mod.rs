@@ -1,6 +1,6 @@
 //! Scenes: as written (untrusted) and as rendered (validated, built).
 //!
-//! Files come through [`SceneFiles`]; `xml` reads them into a `Description`, in which every value has its type and its
+//! Files come through [`SceneFiles`]; `format` finds the front end that reads them into a `Description`, in which every value has its type and its
 //! place; `build` turns that into a [`Scene`]. What was written and never asked for is a warning.
 
 mod black;
@@ -9,12 +9,15 @@ mod description;
 mod error;
 mod faults;
 mod files;
+mod format;
+mod gltf;
 mod image;
 mod lamps;
 mod limits;
 mod linear_image;
 mod loader;
 mod mesh;
+mod pbrt;
 mod pfm;
 mod reader;
 mod spectrum;
@@ -121,7 +124,7 @@ impl Scene {
             Rc::new(faults::Faults::default()),
             Rc::new(warning::Warnings::default()),
         );
-        let scene = xml::read(&mut loader, main, defines, &faults, &warnings)
+        let scene = format::read(&mut loader, main, defines, &faults, &warnings)
             .and_then(|description| build::build(&description, &mut loader, sensor));
         faults.settle(scene, &warnings)
     }

@@ -2,6 +2,8 @@
 
 use super::description::{Child, Description, Kind, Object, ObjectId, Property, SpectrumValue, Value};
 use super::error::{Place, SceneError, did_you_mean, list, nearest, shortened};
+use super::loader::LoadedFile;
+use super::mesh::RawMesh;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::RefCell;
@@ -43,9 +45,10 @@ impl<'d> Reader<'d> {
 
     /// The element as in messages: `<bsdf type="diffuse">`.
     pub(crate) fn context(&self) -> String {
-        match self.object.kind {
-            Kind::Scene => "<scene>".to_owned(),
-            kind => format!("<{} type=\"{}\">", kind.element(), self.object.plugin),
+        match (self.object.kind, &self.object.written) {
+            (_, Some(written)) => written.to_string(),
+            (Kind::Scene, None) => "<scene>".to_owned(),
+            (kind, None) => format!("<{} type=\"{}\">", kind.element(), self.object.plugin),
         }
     }
 
@@ -131,7 +134,10 @@ impl<'d> Reader<'d> {
 
     /// The error for a plugin type that does not exist.
     pub(crate) fn unknown_type(&self, allowed: &[&str]) -> SceneError {
-        let context = format!("<{}>", self.object.kind.element());
+        let context = match &self.object.written {
+            Some(written) => written.to_string(),
+            None => format!("<{}>", self.object.kind.element()),
+        };
         SceneError::unknown(
             self.place(),
             context,
@@ -205,6 +211,26 @@ impl<'d> Reader<'d> {
                 ..
             }) => Ok(Some(value)),
             Some(property) => self.left_out(self.mismatch(name, property, "string")),
+        }
+    }
+
+    /// The file that a property holds in place of a name.
+    pub(crate) fn embedded_file(&self, name: &str) -> Option<&'d LoadedFile> {
+        match &self.property(name)?.value {
+            Value::File(file) => Some(file),
+            _ => None,
+        }
+    }
+
+    /// The triangles that the property `name` holds.
+    pub(crate) fn mesh(&self, name: &str) -> Result<Option<&'d RawMesh>, SceneError> {
+        match self.property(name) {
+            None => Ok(None),
+            Some(Property {
+                value: Value::Mesh(mesh),
+                ..
+            }) => Ok(Some(mesh)),
+            Some(property) => self.left_out(self.mismatch(name, property, "mesh")),
         }
     }
 

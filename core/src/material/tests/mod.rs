@@ -10,6 +10,10 @@ use super::*;
 use crate::random::{PathRandom, Stream};
 
 const UV: Vec2 = Vec2::new(0.5, 0.5);
+const AT: TexturePoint = TexturePoint {
+    uv: UV,
+    position: Vec3::ZERO,
+};
 const WHITE: Texture = Texture::Constant(Spectrum::ONE);
 const MODES: [TransportMode; 2] = [TransportMode::Radiance, TransportMode::Flux];
 
@@ -144,5 +148,5 @@ fn random(path: u64) -> PathRandom {
 
 fn draw(material: &Material, wo: Vec3, random: &mut PathRandom, mode: TransportMode) -> Option<BsdfSample> {
     let lobe = random.next_1d();
-    material.resolve(UV, wo).sample(wo, lobe, random.next_2d(), mode)
+    material.resolve(&AT, wo).sample(wo, lobe, random.next_2d(), mode)
 }

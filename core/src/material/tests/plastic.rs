@@ -56,13 +56,13 @@ fn the_coat_is_sampled_as_often_as_it_says() {
 /// Delta and glossy are properties of lobes: a coated surface is a mirror and diffuse at once.
 #[test]
 fn a_coated_surface_has_a_delta_lobe_and_a_diffuse_one() {
-    let bsdf = plastic(1.49, 0.5, false).resolve(UV, Vec3::Z);
+    let bsdf = plastic(1.49, 0.5, false).resolve(&AT, Vec3::Z);
     assert!(bsdf.has_delta() && bsdf.has_smooth() && !bsdf.is_glossier_than(1e9));
     assert_eq!(bsdf.lobes().map(Lobe::is_delta).collect::<Vec<_>>(), [true, false]);
     assert_eq!(bsdf.least_roughness(), Some(f32::INFINITY));
-    let diffuse = Material::Diffuse { reflectance: WHITE }.resolve(UV, Vec3::Z);
+    let diffuse = Material::Diffuse { reflectance: WHITE }.resolve(&AT, Vec3::Z);
     assert!(!diffuse.has_delta() && diffuse.lobes().count() == 1);
-    assert!(glass(1.5).resolve(UV, Vec3::Z).has_delta());
+    assert!(glass(1.5).resolve(&AT, Vec3::Z).has_delta());
 }
 
 /// Textures are looked up once, at the point that the material is resolved for.
@@ -75,7 +75,7 @@ fn resolving_looks_textures_up_at_the_point() {
     };
     let material = Material::Diffuse { reflectance: chequers };
     for (uv, albedo) in [(Vec2::new(0.25, 0.25), 0.75), (Vec2::new(0.75, 0.25), 0.25)] {
-        let bsdf = material.resolve(uv, Vec3::Z);
+        let bsdf = material.resolve(&TexturePoint { uv, ..AT }, Vec3::Z);
         assert_eq!(
             bsdf.f(Vec3::Z, Vec3::Z, TransportMode::Flux)[0],
             albedo * crate::math::FRAC_1_PI

@@ -71,15 +71,15 @@ fn everything_is_finite_and_energy_is_not_made() {
             let (wo, wi) = (direction(&mut random), direction(&mut random));
             let mode = MODES[(path % 2) as usize];
             let (f, pdf) = (
-                material.resolve(UV, wo).f(wo, wi, mode),
-                material.resolve(UV, wo).pdf(wo, wi),
+                material.resolve(&AT, wo).f(wo, wi, mode),
+                material.resolve(&AT, wo).pdf(wo, wi),
             );
             assert!(
                 f.is_valid() && pdf.is_finite() && pdf >= 0.0,
                 "{material:?} {wo} {wi} {f:?} {pdf}"
             );
             let (lobe, u) = (unit(&mut random), Vec2::new(unit(&mut random), unit(&mut random)));
-            let Some(sample) = material.resolve(UV, wo).sample(wo, lobe, u, mode) else {
+            let Some(sample) = material.resolve(&AT, wo).sample(wo, lobe, u, mode) else {
                 continue;
             };
             let what = || format!("{material:?} {wo} {lobe} {u} {sample:?}");

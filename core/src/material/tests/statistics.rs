@@ -19,7 +19,7 @@ fn every_sampler_matches_its_density() {
                             .wi,
                     )
                 },
-                |wi| material.resolve(UV, wo).pdf(wo, wi),
+                |wi| material.resolve(&AT, wo).pdf(wo, wi),
             );
         }
     }
@@ -68,7 +68,7 @@ pub(super) fn mean_weight(
 
 /// Share of the power arriving along `wo` that leaves again by lobes that are no delta functions, by quadrature.
 pub(super) fn albedo(material: &Material, wo: Vec3, mode: TransportMode) -> f64 {
-    integrate_sphere(|wi| f64::from(material.resolve(UV, wo).f(wo, wi, mode)[0] * wi.z.abs()))
+    integrate_sphere(|wi| f64::from(material.resolve(&AT, wo).f(wo, wi, mode)[0] * wi.z.abs()))
 }
 
 /// Error of [`albedo`] by quadrature in single precision, relative.

@@ -29,8 +29,8 @@ fn reflection_is_reciprocal() {
             }
             for mode in MODES {
                 let (there, back) = (
-                    material.resolve(UV, a).f(a, b, mode),
-                    material.resolve(UV, b).f(b, a, mode),
+                    material.resolve(&AT, a).f(a, b, mode),
+                    material.resolve(&AT, b).f(b, a, mode),
                 );
                 assert!(
                     (0..3).all(|c| close(there[c], back[c])),
@@ -57,9 +57,9 @@ fn refraction_has_its_adjoint() {
                 continue;
             }
             let relative = if a.z > 0.0 { *eta } else { 1.0 / eta };
-            let radiance = material.resolve(UV, a).f(a, b, TransportMode::Radiance)[0];
-            let flux = material.resolve(UV, a).f(a, b, TransportMode::Flux)[0];
-            let adjoint = material.resolve(UV, b).f(b, a, TransportMode::Flux)[0];
+            let radiance = material.resolve(&AT, a).f(a, b, TransportMode::Radiance)[0];
+            let flux = material.resolve(&AT, a).f(a, b, TransportMode::Flux)[0];
+            let adjoint = material.resolve(&AT, b).f(b, a, TransportMode::Flux)[0];
             assert!(close(radiance, adjoint), "{name}: {a} {b} {radiance} {adjoint}");
             assert!(
                 close(radiance, flux / (relative * relative)),
@@ -85,8 +85,8 @@ fn samples_carry_what_eval_and_pdf_say() {
                     continue;
                 }
                 let (f, pdf) = (
-                    material.resolve(UV, wo).f(wo, sample.wi, mode),
-                    material.resolve(UV, wo).pdf(wo, sample.wi),
+                    material.resolve(&AT, wo).f(wo, sample.wi, mode),
+                    material.resolve(&AT, wo).pdf(wo, sample.wi),
                 );
                 assert!((sample.wi.length() - 1.0).abs() < 1e-5);
                 assert!(close(sample.pdf, pdf), "{name}: {wo} {sample:?} {pdf}");
@@ -123,14 +123,15 @@ fn relative_index_follows_the_side_and_the_branch() {
 fn gloss_depends_on_the_side_that_is_seen() {
     let rough = rough_mirror(facets(MicrofacetKind::Ggx, 0.05, 0.3));
     let material = two_sided(mirror(), rough);
-    assert!(!material.resolve(UV, Vec3::Z).has_smooth() && material.resolve(UV, -Vec3::Z).has_smooth());
-    assert!(material.resolve(UV, Vec3::Z).is_glossier_than(0.0));
+    assert!(!material.resolve(&AT, Vec3::Z).has_smooth() && material.resolve(&AT, -Vec3::Z).has_smooth());
+    assert!(material.resolve(&AT, Vec3::Z).is_glossier_than(0.0));
     assert!(
-        material.resolve(UV, -Vec3::Z).is_glossier_than(0.1) && !material.resolve(UV, -Vec3::Z).is_glossier_than(0.01)
+        material.resolve(&AT, -Vec3::Z).is_glossier_than(0.1)
+            && !material.resolve(&AT, -Vec3::Z).is_glossier_than(0.01)
     );
     let diffuse = Material::Diffuse { reflectance: WHITE };
-    assert!(diffuse.resolve(UV, Vec3::Z).has_smooth() && !diffuse.resolve(UV, Vec3::Z).is_glossier_than(1e9));
-    assert!(!Material::Null.resolve(UV, Vec3::Z).has_smooth() && !glass(1.5).resolve(UV, Vec3::Z).has_smooth());
+    assert!(diffuse.resolve(&AT, Vec3::Z).has_smooth() && !diffuse.resolve(&AT, Vec3::Z).is_glossier_than(1e9));
+    assert!(!Material::Null.resolve(&AT, Vec3::Z).has_smooth() && !glass(1.5).resolve(&AT, Vec3::Z).has_smooth());
 }
 
 #[test]
@@ -145,8 +146,8 @@ fn one_sided_materials_are_black_from_behind_and_do_not_transmit() {
     ] {
         for (wo, wi) in [(up, down), (down, up), (down, down)] {
             assert!(
-                material.resolve(UV, wo).f(wo, wi, TransportMode::Radiance).is_black()
-                    && material.resolve(UV, wo).pdf(wo, wi) == 0.0
+                material.resolve(&AT, wo).f(wo, wi, TransportMode::Radiance).is_black()
+                    && material.resolve(&AT, wo).pdf(wo, wi) == 0.0
             );
         }
         assert!(draw(&material, down, &mut random(1), TransportMode::Radiance).is_none());
@@ -165,9 +166,9 @@ fn reverse_densities_of_delta_lobes_are_limits_of_rough_ones() {
             if wo.z.abs() < 0.1 {
                 continue;
             }
-            let smooth = glass(eta).resolve(UV, wo);
+            let smooth = glass(eta).resolve(&AT, wo);
             let sample = draw(&glass(eta), wo, &mut random(path), TransportMode::Flux).unwrap();
-            let rough = rough.resolve(UV, wo);
+            let rough = rough.resolve(&AT, wo);
             let [there, back] = [rough.pdf(wo, sample.wi), rough.pdf(sample.wi, wo)];
             let (limit, quotient) = (back / there, smooth.pdf_rev(wo, &sample) / sample.pdf);
             assert!(
@@ -191,8 +192,8 @@ fn reverse_densities_are_those_of_sampling_the_reverse() {
             let Some(sample) = draw(&material, wo, &mut random(path), TransportMode::Radiance) else {
                 continue;
             };
-            let reverse = material.resolve(UV, wo).pdf_rev(wo, &sample);
-            let from_there = material.resolve(UV, sample.wi);
+            let reverse = material.resolve(&AT, wo).pdf_rev(wo, &sample);
+            let from_there = material.resolve(&AT, sample.wi);
             let expected = if sample.delta {
                 let lobe = if sample.eta == 1.0 {
                     0.0

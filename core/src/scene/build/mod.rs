@@ -167,8 +167,11 @@ impl<'b, 'f> Builder<'b, 'f> {
         Reader::new(self.description, object)
     }
 
-    /// The file that an object's `filename` names.
+    /// The file that an object's `filename` names, or holds.
     fn file(&mut self, reader: &Reader) -> Result<LoadedFile, SceneError> {
+        if let Some(file) = reader.embedded_file("filename") {
+            return Ok(file.clone());
+        }
         let name = reader
             .string("filename")?
             .ok_or_else(|| reader.missing("property `filename`"))?;

@@ -6,7 +6,7 @@ use crate::light::Light;
 use crate::math::{AnimatedTransform, Transform, Vec3};
 use crate::motion::MovingShape;
 use crate::scene::description::{Child, Kind, ObjectId};
-use crate::scene::error::SceneError;
+use crate::scene::error::{Place, SceneError, within};
 use crate::scene::mesh::{self, MeshFile, RawMesh, primitives};
 use crate::scene::reader::{POSITIVE, Reader};
 use crate::texture::Texture;
@@ -61,7 +61,8 @@ impl Builder<'_, '_> {
             "cube" => self.flat_primitive(&reader, primitives::cube(), &to_world, flip)?,
             "sphere" => sphere(&reader, &to_world, flip)?,
             "disk" => disk(&reader, to_world, flip)?,
-            "obj" | "ply" | "serialized" => self.mesh(&reader, &to_world, flip)?,
+            "obj" | "ply" | "serialized" => self.mesh_file(&reader, &to_world, flip)?,
+            "mesh" => self.mesh(&reader, &to_world, flip)?,
             other if ELSEWHERE.contains(&other) => {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
                 return Err(reader.unsupported(format!("type `{other}`"), instead));
@@ -132,7 +133,38 @@ impl Builder<'_, '_> {
         Ok(Shape::Mesh(mesh.into()))
     }
 
+    /// A mesh whose triangles stand in the scene itself.
     fn mesh(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
+        let face_normals = reader.boolean("face_normals", false)?;
+        let raw = reader.mesh("mesh")?.ok_or_else(|| reader.missing("property `mesh`"))?;
+        reader.finish();
+        self.count(reader.place(), raw)?;
+        let mesh = mesh::finish(raw.clone(), to_world, face_normals, flip)
+            .map_err(|reason| SceneError::value(reader.place(), reader.context(), reason))?;
+        Ok(Shape::Mesh(mesh.into()))
+    }
+
+    /// Counts a mesh among those of the scene.
+    fn count(&mut self, place: &Place, raw: &RawMesh) -> Result<(), SceneError> {
+        self.meshes.triangles += raw.triangles.len() as u64;
+        self.meshes.vertices += raw.positions.len() as u64;
+        let limits = self.loader.limits;
+        within(
+            place,
+            "number of triangles of the scene",
+            self.meshes.triangles,
+            limits.triangles,
+        )?;
+        within(
+            place,
+            "number of vertices of the scene",
+            self.meshes.vertices,
+            limits.vertices,
+        )
+        .map(|_| ())
+    }
+
+    fn mesh_file(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
         let plugin = reader.object.plugin.as_str();
         let mut face_normals = reader.boolean("face_normals", false)?;
         let flip_v = reader.boolean("flip_tex_coords", plugin == "obj")?;
@@ -145,7 +177,7 @@ impl Builder<'_, '_> {
             "serialized" => reader.integer("shape_index", 0..=i64::from(u32::MAX - 1))?.unwrap_or(0),
             _ => 0,
         };
-        reader.string("filename")?;
+        reader.property("filename");
         reader.finish();
         let file = self.file(reader)?;
         let source = MeshFile::new(&file, self.loader.limits, self.meshes);
@@ -162,8 +194,7 @@ impl Builder<'_, '_> {
             self.meshes.bytes += file.bytes.len() as u64;
         }
         let raw = read.map_err(|found| self.description.faults.all_but_last(found))?;
-        self.meshes.triangles += raw.triangles.len() as u64;
-        self.meshes.vertices += raw.positions.len() as u64;
+        self.count(&source.place, &raw)?;
         let broken = |reason| SceneError::data(&source.place, format!("{reason} (used at {})", reader.place()));
         let mesh = mesh::finish(raw, to_world, face_normals, flip).map_err(broken)?;
         Ok(Shape::Mesh(mesh.into()))

@@ -102,7 +102,7 @@ impl Builder<'_, '_> {
             ("ewa", TextureFilter::Bilinear),
         ];
         let filter = reader.choice("filter_type", &filters, TextureFilter::Bilinear)?;
-        reader.string("filename")?;
+        reader.property("filename");
         reader.ignore(&["accel", "cache", "format", "max_anisotropy"]);
         reader.finish();
         let bitmap = self.bitmap_file(reader, raw, wrap, filter)?;

@@ -21,21 +21,19 @@ use document::Document;
 use names::snake_case;
 use parameters::Parameters;
 use roxmltree::Node;
-use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Reads the scene file `main` and what it includes.
+/// Reads a scene file and what it includes.
 pub(crate) fn read(
     loader: &mut Loader,
-    main: &str,
+    file: &LoadedFile,
     defines: &BTreeMap<String, String>,
     faults: &Rc<Faults>,
     warnings: &Rc<Warnings>,
 ) -> Result<Description, SceneError> {
-    let place = Place::whole(main);
-    let file = loader.open(&place, &[String::new()], main)?;
+    let place = Place::whole(&file.name);
     let mut reader = XmlReader {
         loader,
         parameters: Parameters::new(defines),
@@ -49,7 +47,7 @@ pub(crate) fn read(
         warnings: warnings.clone(),
         incomplete: false,
     };
-    let read = reader.file(&file, &place, &[], None, 1);
+    let read = reader.file(file, &place, &[], None, 1);
     read.map_err(|found| faults.all_but_last(found.into_list()))?;
     if let Some(name) = reader.parameters.first_unnamed().filter(|_| !reader.incomplete) {
         let allowed = reader.parameters.names().filter(|n| !defines.contains_key(*n));
@@ -133,15 +131,8 @@ impl XmlReader<'_, '_> {
                 self.objects[parent].search = outer;
             }
             ("scene", None) => {
-                self.objects.push(Object {
-                    kind: Kind::Scene,
-                    plugin: String::new(),
-                    place,
-                    search: folders.into(),
-                    properties: BTreeMap::new(),
-                    children: Vec::new(),
-                    faulty: Cell::new(false),
-                });
+                self.objects
+                    .push(Object::new(Kind::Scene, "", None, place, folders.into()));
                 self.children(&document, root, 0, depth)?;
             }
             (_, Some(parent)) => {
@@ -270,15 +261,10 @@ impl XmlReader<'_, '_> {
             };
             self.objects[context.parent].children.push(child);
         }
-        self.objects.push(Object {
-            kind,
-            plugin: plugin.unwrap_or_default(),
-            place,
-            search: self.objects[context.parent].search.clone(),
-            properties: BTreeMap::new(),
-            children: Vec::new(),
-            faulty: Cell::new(!attributes.faults.is_empty()),
-        });
+        let search = self.objects[context.parent].search.clone();
+        let object = Object::new(kind, &plugin.unwrap_or_default(), None, place, search);
+        object.faulty.set(!attributes.faults.is_empty());
+        self.objects.push(object);
         if !attributes.faults.is_empty() {
             self.note(context.parent, node, attributes.faults.into())?;
         }
