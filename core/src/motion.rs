@@ -91,6 +91,7 @@ impl Scene {
                 ..self.sensor.clone()
             },
             film: self.film.clone(),
+            contents: self.contents.clone(),
             wishes: self.wishes.clone(),
             warnings: self.warnings.clone(),
             motion: None,

@@ -298,6 +298,9 @@ pub struct JobStatus {
     #[serde(default)]
     #[schema(value_type = Option<IntegratorSchema>)]
     pub integrator: Option<IntegratorSettings>,
+    /// What of the scene is not rendered as it is written, or probably not meant so, each with its place; none until a worker has loaded it.
+    #[serde(default)]
+    pub warnings: Vec<String>,
     /// Name of the token that it was submitted with; empty without tokens.
     #[serde(default)]
     pub owner: String,

@@ -9,7 +9,7 @@
 //! | `POST /v1/worker/nodes/place` | [`NodeUpload`] | [`NodePlace`] |
 //! | `POST /v1/worker/nodes/stored` | [`NodeUpload`] | [`NodeReply`] |
 //! | `POST /v1/worker/statistics` | [`StatisticsRequest`] | [`statistics_body`] |
-//! | `POST /v1/worker/settings` | [`SettingsReport`] | [`Acknowledged`] |
+//! | `POST /v1/worker/scene` | [`SceneReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
 //! | `POST /v1/worker/leave` | [`Leave`] | [`Acknowledged`] |
@@ -29,6 +29,9 @@ use std::collections::BTreeSet;
 
 /// Most bytes of a text that a worker sends; longer ones are cut.
 pub const TEXT_BYTES: usize = 4096;
+
+/// Most warnings about a scene that a worker sends; the scene itself tells fewer.
+pub const MOST_WARNINGS: usize = 64;
 
 /// Most leases that a worker names in a message. It holds fewer: some of them may have ended without its knowledge.
 pub const MOST_LEASES: usize = 64;
@@ -221,9 +224,9 @@ pub fn read_statistics(body: &[u8], values: usize) -> Option<Vec<f32>> {
     (BlobHash::of(bytes).0 == hash).then(|| planes::values(bytes))
 }
 
-/// How the scene decided over settings that the job leaves to it.
+/// What loading the scene of a job has shown: how it decides over settings that the job leaves to it, and what it was warned about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SettingsReport {
+pub struct SceneReport {
     /// The lease.
     pub token: LeaseToken,
     /// Who.
@@ -233,6 +236,8 @@ pub struct SettingsReport {
     /// The integrator with all its settings; JSON within bincode, which cannot carry tagged enums.
     #[serde(with = "json_text")]
     pub integrator: IntegratorSettings,
+    /// What is not rendered as it is written, each with its place: at most [`MOST_WARNINGS`], of at most [`TEXT_BYTES`] bytes each.
+    pub warnings: Vec<String>,
 }
 
 /// An iteration that could not be rendered. The lease ends.
@@ -297,7 +302,7 @@ kinds! {
     Leave = 12,
     NodePlace = 13,
     StatisticsRequest = 14,
-    SettingsReport = 15,
+    SceneReport = 15,
 }
 
 /// Most bytes of a framed [`NodeUpload`].

@@ -13,7 +13,7 @@ const HEAD: &str = "# Configuration\n\n\
     `RUST_LOG` chooses what the log tells.\n";
 
 /// Programs and subcommands.
-const COMMANDS: [(&str, &[&str]); 9] = [
+const COMMANDS: [(&str, &[&str]); 10] = [
     ("photonfarm", &["serve"]),
     ("photonfarm-worker", &[]),
     ("photonfarm", &["submit"]),
@@ -21,6 +21,7 @@ const COMMANDS: [(&str, &[&str]); 9] = [
     ("photonfarm", &["delete"]),
     ("photonfarm", &["resubmit"]),
     ("photonfarm", &["render"]),
+    ("photonfarm", &["check"]),
     ("photonfarm", &["token", "create"]),
     ("photonfarm", &["backup"]),
 ];

@@ -12,7 +12,7 @@ fn refusal(arguments: &[&str]) -> String {
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(1), "{arguments:?}: {errors}");
     assert!(
-        errors.starts_with("error: ") && !errors.contains("panicked"),
+        errors.lines().any(|line| line.starts_with("error: ")) && !errors.contains("panicked"),
         "{arguments:?}: {errors}"
     );
     errors
@@ -42,6 +42,61 @@ fn outputs_that_cannot_be_written_are_refused_before_rendering() {
         assert!(errors.contains(advice), "{errors}");
     }
     assert!(files_in(folder.path()).is_empty());
+}
+
+/// `check` says what a scene holds, and fails where `render` would: with all errors, also as JSON.
+#[test]
+fn a_scene_is_checked_without_being_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let body = "<shape type='rectangle'/><medium type='homogeneous'/><sampler type='independent'/></scene>";
+    fs::write(path("odd.xml"), format!("<scene version='3.0.0'>\n{body}")).unwrap();
+    fs::write(
+        path("bad.xml"),
+        "<scene version='3.0.0'>\n<shape type='teapot'/>\n<shape type='cup'/></scene>",
+    )
+    .unwrap();
+    let odd = path("odd.xml");
+    let output = photonfarm(&[
+        "check",
+        text(&odd),
+        "--json",
+        "--set",
+        "samples=3",
+        "--integrator",
+        "path",
+    ]);
+    assert!(output.status.success());
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for (pointer, expected) in [
+        ("/format", "Mitsuba XML".into()),
+        ("/shapes/rectangle", 1.into()),
+        ("/triangles", 2.into()),
+        ("/integrator/samples", 3.into()),
+        ("/bounds/1/0", 1.0.into()),
+        ("/files/odd.xml", fs::metadata(&odd).unwrap().len().into()),
+    ] {
+        assert_eq!(report.pointer(pointer), Some(&expected), "{pointer}: {report}");
+    }
+    let warnings = report["warnings"].as_array().unwrap();
+    assert!(
+        warnings
+            .iter()
+            .any(|warning| warning.as_str().unwrap().starts_with("odd.xml:2: <scene>: <medium>")),
+        "{report}"
+    );
+    let said = String::from_utf8(photonfarm(&["check", text(&odd)]).stdout).unwrap();
+    assert!(said.contains("shapes     1 (rectangle 1); 2 triangles"), "{said}");
+    assert!(refusal(&["check", text(&odd), "--strict"]).contains("--strict"));
+    let bad = path("bad.xml");
+    assert!(refusal(&["check", text(&bad)]).contains("2 faults"));
+    let output = photonfarm(&["check", text(&bad), "--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    let failure: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(
+        failure["errors"][1].as_str().unwrap().starts_with("bad.xml:3: "),
+        "{failure}"
+    );
 }
 
 #[test]

@@ -19,6 +19,10 @@ pub trait LoadedScene: Send + Sync {
     fn resolution(&self) -> [u32; 2];
     /// Settings that the scene carries.
     fn wishes(&self) -> Wishes;
+    /// What of the scene is not rendered as it is written, each with its place.
+    fn warnings(&self) -> Vec<String> {
+        Vec::new()
+    }
     /// The bandwidth of an iteration that goes on from the statistics `before`, if the integrator has one.
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange>;
     /// Renders an iteration on the current rayon pool; see [`integrator::render_next`].
@@ -73,6 +77,10 @@ impl LoadedScene for CoreScene {
 
     fn wishes(&self) -> Wishes {
         self.0.wishes.clone()
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        self.0.warnings.iter().map(ToString::to_string).collect()
     }
 
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {

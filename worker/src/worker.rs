@@ -19,7 +19,7 @@ use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
-    Register, Registered, SettingsReport, StatisticsRequest, cut_text,
+    MOST_WARNINGS, Register, Registered, SceneReport, StatisticsRequest, cut_text,
 };
 use rayon::ThreadPool;
 use std::collections::{BTreeMap, BTreeSet};
@@ -405,7 +405,8 @@ impl Worker {
         }
     }
 
-    /// All settings, and tells the coordinator if the scene has decided over some of them.
+    /// All settings. The coordinator is told how the scene has decided over those that the job leaves to it, and what it was warned
+    /// about, if there is any of that.
     async fn resolve(
         &self,
         scene: &dyn LoadedScene,
@@ -413,19 +414,24 @@ impl Worker {
         lease: &Lease,
         drain: &CancellationToken,
     ) -> Result<IntegratorSettings, LoadError> {
-        if let Some(settings) = spec.integrator.complete() {
-            return Ok(settings.clone());
-        }
         let of_scene = |error: SettingError| LoadError::Scene(FailureKind::Scene, error.to_string());
-        let integrator = spec.integrator.resolve(&scene.wishes()).map_err(of_scene)?;
+        let integrator = match spec.integrator.complete() {
+            Some(settings) => settings.clone(),
+            None => spec.integrator.resolve(&scene.wishes()).map_err(of_scene)?,
+        };
+        let warnings: Vec<String> = scene.warnings().into_iter().take(MOST_WARNINGS).map(cut_text).collect();
+        if spec.integrator.complete().is_some() && warnings.is_empty() {
+            return Ok(integrator);
+        }
         let Lease { token, worker, job, .. } = *lease;
-        let report = SettingsReport {
+        let report = SceneReport {
             token,
             worker,
             job,
             integrator: integrator.clone(),
+            warnings,
         };
-        let said: Result<Acknowledged, _> = self.client.insist("worker/settings", &report, drain).await;
+        let said: Result<Acknowledged, _> = self.client.insist("worker/scene", &report, drain).await;
         match said {
             Ok(Acknowledged) => Ok(integrator),
             Err(error) if error.code() == Some(ErrorCode::Invalid) => {

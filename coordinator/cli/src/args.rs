@@ -50,6 +50,16 @@ image.png is for looking at: exposure and highlights follow the global operator 
 (2002).
 The same scene, settings and seed give the same image.exr on any machine, with any --threads.";
 
+const CHECK_EXAMPLES: &str = "\
+Examples:
+  photonfarm check scene.xml
+      Format, picture size, shapes, lights, materials, textures, bounds; the integrator and the
+      settings that `render` would take; warnings; the files that a farm would be sent.
+  photonfarm check scene.pbrt --strict
+      Fails where anything is left out or replaced.
+  photonfarm check scene.glb --json
+      The same for programs; a scene that cannot be loaded gives its errors in `errors`.";
+
 const SUBMIT_EXAMPLES: &str = "\
 Examples:
   photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --iterations 256 --wait -o image.exr
@@ -125,6 +135,9 @@ pub(crate) enum Command {
     /// Render a scene on this machine
     #[command(after_help = RENDER_EXAMPLES)]
     Render(RenderArgs),
+    /// Load a scene and say what it holds, how it would be rendered, and what of it is not rendered as it is written
+    #[command(after_help = CHECK_EXAMPLES)]
+    Check(CheckArgs),
     /// Run the coordinator of a farm
     #[command(after_help = SERVE_EXAMPLES)]
     Serve(ServeArgs),
@@ -177,6 +190,15 @@ pub(crate) struct RenderArgs {
     /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
     #[arg(long, value_name = "FILE")]
     pub(crate) stats: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct CheckArgs {
+    #[command(flatten)]
+    pub(crate) job: JobArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Debug, Args)]
@@ -375,7 +397,7 @@ fn positive(text: &str) -> Result<f64, String> {
 /// What to render.
 #[derive(Debug, Args)]
 pub(crate) struct JobArgs {
-    /// Scene file in the Mitsuba 3 XML format
+    /// Scene file: Mitsuba's XML of any version, pbrt, or glTF (.gltf, .glb)
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
     /// How to render [default: the scene's own if it is one of these, else pcf]

@@ -4,7 +4,7 @@ use crate::args::{JobArgs, unique};
 use crate::repeat::OldPicture;
 use crate::{say, settings};
 use anyhow::{Context, Result, anyhow, bail};
-use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder};
+use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder, SceneWarning};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::job::JobSpec;
@@ -25,8 +25,26 @@ pub(crate) struct PreparedJob {
 }
 
 impl PreparedJob {
-    /// Loads the scene, so that what is wrong with it shows here and now, and keeps the files that it read.
+    /// Loads the scene, so that what is wrong with it shows here and now, and keeps the files that it read. What it is warned about
+    /// is told.
     pub(crate) fn new(args: &JobArgs) -> Result<(Self, Scene)> {
+        let (job, scene) = Self::load(args)?;
+        for warning in job.warnings(&scene) {
+            say::tell(format_args!("warning: {warning}"));
+        }
+        refuse_warnings(args, &scene)?;
+        Ok((job, scene))
+    }
+
+    /// Warnings of the scene, and those about rendering it as the job asks.
+    pub(crate) fn warnings(&self, scene: &Scene) -> Vec<SceneWarning> {
+        let integrator = self.spec.integrator.with_defaults();
+        let hints = scene.hints(integrator);
+        scene.warnings.iter().cloned().chain(hints).collect()
+    }
+
+    /// As [`PreparedJob::new`], and tells nothing.
+    pub(crate) fn load(args: &JobArgs) -> Result<(Self, Scene)> {
         let old = args.from.as_deref().map(OldPicture::read).transpose()?;
         let defines = match &old {
             Some(old) => old.metadata.defines.clone(),
@@ -43,22 +61,10 @@ impl PreparedJob {
         };
         let limits = Limits::default();
         let scene = Scene::load_sensor(&recorded, main, &defines, sensor.as_deref(), &limits).with_context(context)?;
-        if let (true, [first, ..]) = (args.strict, &scene.warnings[..]) {
-            let count = scene.warnings.len();
-            let more = if count == 1 {
-                String::new()
-            } else {
-                format!(" (the first of {count})")
-            };
-            bail!("--strict: {first}{more}");
-        }
         let integrator = match &old {
             Some(old) => old.metadata.integrator.clone(),
             None => settings::integrator(args.integrator, &scene.wishes, &set)?,
         };
-        for warning in scene.warnings.iter().chain(&scene.hints(&integrator)) {
-            say::tell(format_args!("warning: {warning}"));
-        }
         let iterations = match (&old, args.iterations) {
             (Some(old), _) => old.iterations()?,
             (None, Some(iterations)) => iterations.get(),
@@ -95,6 +101,14 @@ impl PreparedJob {
             },
             scene,
         ))
+    }
+}
+
+/// Refuses a scene with warnings where that is asked for.
+pub(crate) fn refuse_warnings(args: &JobArgs, scene: &Scene) -> Result<()> {
+    match scene.warnings.len() {
+        1.. if args.strict => bail!("--strict: the scene is not rendered as it is written, see its warnings"),
+        _ => Ok(()),
     }
 }
 

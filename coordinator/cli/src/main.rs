@@ -5,6 +5,7 @@
 
 mod args;
 mod backup;
+mod check;
 mod client;
 mod farm_args;
 mod job;
@@ -43,6 +44,7 @@ fn main() -> ExitCode {
     }
     let result = match command {
         Command::Render(args) => render::run(args),
+        Command::Check(args) => check::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
         Command::Wait(args) => submit::wait(args),

@@ -148,6 +148,7 @@ fn show(job: &JobStatus, json: bool) -> Result<()> {
         .chain(doubt)
         .chain(poisoned)
         .chain(job.failure.clone())
+        .chain(job.warnings.iter().map(|warning| format!("warning: {warning}")))
     {
         say::line(format_args!("    {line}"))?;
     }

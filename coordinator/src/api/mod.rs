@@ -183,7 +183,7 @@ fn worker_routes() -> Routes {
         .post("/v1/worker/nodes/place", worker::place)
         .post("/v1/worker/nodes/stored", worker::stored)
         .post("/v1/worker/statistics", worker::statistics)
-        .post("/v1/worker/settings", worker::settings)
+        .post("/v1/worker/scene", worker::scene)
         .post("/v1/worker/failures", worker::fail)
         .post("/v1/worker/release", worker::release)
         .post("/v1/worker/leave", worker::leave)

@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
-    NodeUpload, Register, Registered, Release, SettingsReport, StatisticsRequest,
+    NodeUpload, Register, Registered, Release, SceneReport, StatisticsRequest,
 };
 use std::sync::Arc;
 
@@ -103,13 +103,13 @@ pub(super) async fn statistics(
     spool.answer(make).await
 }
 
-pub(super) async fn settings(
+pub(super) async fn scene(
     State(service): State<App>,
     By(caller): By,
-    Framed(report): Framed<SettingsReport>,
+    Framed(report): Framed<SceneReport>,
 ) -> Result<Framed<Acknowledged>, ApiError> {
     service.check_worker(report.worker, &caller.name).await?;
-    service.report_settings(report).await?;
+    service.report_scene(report).await?;
     Ok(Framed(Acknowledged))
 }
 

@@ -260,6 +260,9 @@ pub struct JobControl {
     /// All settings, as the scene decided over those that the job leaves to it.
     #[serde(default)]
     pub integrator: Option<IntegratorSettings>,
+    /// What the scene was warned about.
+    #[serde(default)]
+    pub warnings: Vec<String>,
 }
 
 impl JobControl {
@@ -273,6 +276,7 @@ impl JobControl {
             checkpoint: None,
             stop: None,
             integrator: None,
+            warnings: Vec::new(),
         }
     }
 }

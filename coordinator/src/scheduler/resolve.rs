@@ -1,14 +1,15 @@
-//! Settings that a job leaves to its scene: the coordinator loads none, so that workers say how it decides, and must agree.
+//! What workers say of a job's scene, which the coordinator does not load: how it decides over settings that the job leaves to it, in
+//! which they must agree, and what it was warned about.
 
-use super::record::{Change, JobControl};
+use super::record::Change;
 use super::{Decision, Farm, Job, Refusal};
 use photonfarm_core::settings::IntegratorSettings;
-use photonfarm_proto::worker::SettingsReport;
+use photonfarm_proto::worker::{MOST_WARNINGS, SceneReport, TEXT_BYTES};
 
 impl Farm {
-    /// A worker has loaded the scene of a lease, and says how that decides. What the first one said holds while anything is in
+    /// A worker has loaded the scene of a lease, and says how that decides and what it was warned about. What the first one said holds while anything is in
     /// the image or lent to others; whoever says something else is not believed and not blamed, since the first may be wrong.
-    pub fn report_settings(&self, report: &SettingsReport) -> Result<Decision<()>, Refusal> {
+    pub fn report_scene(&self, report: &SceneReport) -> Result<Decision<()>, Refusal> {
         let job = self.live_job(report.job)?;
         job.lease(report.token, report.worker)?;
         let (settings, known) = (&report.integrator, &job.control.integrator);
@@ -22,18 +23,24 @@ impl Farm {
                 "the scene decides over the settings as the job does not allow: other files or another program";
             return Err(Refusal::Invalid(reason.into()));
         }
+        let told = &report.warnings;
+        if told.len() > MOST_WARNINGS || told.iter().any(|text| text.len() > TEXT_BYTES) {
+            let reason = format!("a scene has at most {MOST_WARNINGS} warnings of {TEXT_BYTES} bytes each");
+            return Err(Refusal::Invalid(reason));
+        }
         if differs {
             return Err(Refusal::Disagreement(job.id()));
         }
-        let changes = match known.as_ref() == Some(settings) || asked.complete().is_some() {
+        let mut control = job.control.clone();
+        if asked.complete().is_none() {
+            control.integrator = Some(settings.clone());
+        }
+        if control.warnings.is_empty() || !binds {
+            control.warnings = told.clone();
+        }
+        let changes = match control == job.control {
             true => vec![],
-            false => vec![Change::JobChanged {
-                job: job.id(),
-                control: JobControl {
-                    integrator: Some(settings.clone()),
-                    ..job.control.clone()
-                },
-            }],
+            false => vec![Change::JobChanged { job: job.id(), control }],
         };
         Ok(Decision::new((), changes))
     }

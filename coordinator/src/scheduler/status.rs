@@ -42,6 +42,7 @@ impl Job {
             state: self.state,
             spec: self.spec(),
             integrator: self.integrator().cloned(),
+            warnings: self.control.warnings.clone(),
             owner: self.head.owner.clone(),
             created_ms: self.head.created_ms,
             ended_ms: self.ended_ms,

@@ -168,6 +168,7 @@ fn metadata(job: &Job) -> PictureMetadata {
         defines: spec.defines.clone(),
         sensor: spec.sensor.clone(),
         integrator: integrator.clone(),
+        warnings: job.control().warnings.clone(),
         seed: spec.seed,
         iterations: job.done(),
         iterations_asked: Some(job.control().iterations).filter(|asked| job.done() < u64::from(*asked)),

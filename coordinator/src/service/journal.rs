@@ -170,6 +170,7 @@ mod tests {
             checkpoint: None,
             stop: None,
             integrator: None,
+            warnings: vec![],
         }
     }
 

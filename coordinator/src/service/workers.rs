@@ -10,8 +10,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_tags;
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{
-    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release,
-    SettingsReport,
+    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release, SceneReport,
 };
 use std::pin::pin;
 use std::sync::Arc;
@@ -175,10 +174,10 @@ impl Service {
         Ok(lost)
     }
 
-    /// A worker says how the scene decides over settings that a job leaves to it.
-    pub(crate) async fn report_settings(self: &Arc<Self>, report: SettingsReport) -> Result<(), ServiceError> {
+    /// A worker says what loading the scene of a job has shown.
+    pub(crate) async fn report_scene(self: &Arc<Self>, report: SceneReport) -> Result<(), ServiceError> {
         let job = report.job;
-        let reported = self.transact(move |farm, _| farm.report_settings(&report)).await;
+        let reported = self.transact(move |farm, _| farm.report_scene(&report)).await;
         if let Err(ServiceError::Refusal(Refusal::Disagreement(_))) = &reported {
             self.note_disagreement(job);
         }

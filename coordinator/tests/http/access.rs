@@ -107,7 +107,7 @@ const ROUTES: [(&str, &str, &[Role]); 35] = [
     ("POST", "/v1/worker/nodes/place", WORKS),
     ("POST", "/v1/worker/nodes/stored", WORKS),
     ("POST", "/v1/worker/statistics", WORKS),
-    ("POST", "/v1/worker/settings", WORKS),
+    ("POST", "/v1/worker/scene", WORKS),
     ("POST", "/v1/worker/failures", WORKS),
     ("POST", "/v1/worker/release", WORKS),
     ("POST", "/v1/worker/leave", WORKS),

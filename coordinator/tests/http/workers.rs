@@ -12,7 +12,7 @@ use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::waiting::Waiting;
 use photonfarm_proto::worker::{
-    Acknowledged, Assignment, Lease, LeaseRequest, NodeReply, NodeUpload, Register, SettingsReport, StatisticsRequest,
+    Acknowledged, Assignment, Lease, LeaseRequest, NodeReply, NodeUpload, Register, SceneReport, StatisticsRequest,
     frame_upload, read_statistics,
 };
 use reqwest::{Method, StatusCode};
@@ -270,20 +270,21 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
             ..PathSettings::default()
         })
     };
-    let report = |lease: &Lease, integrator: IntegratorSettings| SettingsReport {
+    let report = |lease: &Lease, integrator: IntegratorSettings| SceneReport {
         token: lease.token,
         worker: lease.worker,
         job,
         integrator,
+        warnings: vec![],
     };
     let first = farm.lease(farm.register().await).await.lease;
     // Whoever is alone may say something else.
     for depth in [Some(3), Some(4)] {
-        let _: Acknowledged = farm.call("settings", &report(&first, of_depth(depth))).await;
+        let _: Acknowledged = farm.call("scene", &report(&first, of_depth(depth))).await;
     }
     let second = farm.lease(farm.register().await).await.lease;
     let refused = farm
-        .send("settings", encode(&report(&second, of_depth(Some(5)))).unwrap())
+        .send("scene", encode(&report(&second, of_depth(Some(5)))).unwrap())
         .await;
     expect_problem(refused, ErrorCode::ResultConflict).await;
     let status = farm.status(job).await;
@@ -297,8 +298,8 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
     );
     assert_eq!(status.integrator, Some(of_depth(Some(4))));
     assert_eq!((status.poisoned, status.workers), (vec![], 2));
-    let _: Acknowledged = farm.call("settings", &report(&second, of_depth(Some(4)))).await;
+    let _: Acknowledged = farm.call("scene", &report(&second, of_depth(Some(4)))).await;
     let other = IntegratorSettings::Pppm(PppmSettings::default());
-    let refused = farm.send("settings", encode(&report(&second, other)).unwrap()).await;
+    let refused = farm.send("scene", encode(&report(&second, other)).unwrap()).await;
     expect_problem(refused, ErrorCode::Invalid).await;
 }

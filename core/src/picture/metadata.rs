@@ -26,6 +26,9 @@ pub struct PictureMetadata {
     pub sensor: Option<String>,
     /// The integrator and its settings.
     pub integrator: IntegratorSettings,
+    /// What of the scene is not rendered as it is written, each with its place.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Seed of the job.
     pub seed: u64,
     /// Iterations averaged: 1 to this number.
@@ -80,6 +83,9 @@ impl PictureMetadata {
         let asked = self.iterations_asked.map(u64::from).map(integer);
         entries.extend(asked.map(|asked| ("iterations_asked".to_owned(), asked)));
         entries.extend(self.noise.map(|noise| ("noise".to_owned(), Entry::Float(noise as f32))));
+        if !self.warnings.is_empty() {
+            entries.push(("warnings".to_owned(), Entry::Text(self.warnings.join("\n"))));
+        }
         for (name, range) in [("sigma", self.sigma), ("theta", self.theta)] {
             if let Some([first, last]) = range {
                 entries.push((format!("{name}_first"), Entry::Float(first)));

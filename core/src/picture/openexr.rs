@@ -246,6 +246,7 @@ mod tests {
                 alpha: 0.3,
                 ..PcfSettings::default()
             }),
+            warnings: vec!["room.xml:3: left out".into(), "room.xml:4: größer".into()],
             seed: u64::MAX,
             iterations: 64,
             iterations_asked: Some(100),
@@ -271,7 +272,7 @@ mod tests {
     fn metadata_of_older_versions_are_read() {
         let mut json = serde_json::to_value(metadata()).unwrap();
         let fields = json.as_object_mut().unwrap();
-        for name in ["renderer", "main", "iterations_asked", "noise"] {
+        for name in ["renderer", "main", "iterations_asked", "noise", "warnings"] {
             assert!(fields.remove(name).is_some());
         }
         let expected = PictureMetadata {
@@ -279,6 +280,7 @@ mod tests {
             main: String::new(),
             iterations_asked: None,
             noise: None,
+            warnings: vec![],
             ..metadata()
         };
         assert_eq!(serde_json::from_value::<PictureMetadata>(json).unwrap(), expected);
@@ -314,6 +316,8 @@ mod tests {
         assert_eq!(attribute("renderer"), string("1.2.3+0f"));
         assert_eq!(attribute("noise"), Some(AttributeValue::F32(0.0625)));
         assert_eq!(attribute("scene_hash"), string("ab12"));
+        let warnings = string("room.xml:3: left out\nroom.xml:4: größer");
+        assert_eq!(attribute("warnings"), warnings);
         assert_eq!(attribute("sigma1"), None);
         assert_eq!(header.own_attributes.software_name, Some(text("Photonfarm 1.2.3")));
     }

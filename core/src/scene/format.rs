@@ -21,6 +21,15 @@ pub(crate) enum Format {
 }
 
 impl Format {
+    /// The name for people.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Mitsuba => "Mitsuba XML",
+            Self::Pbrt => "pbrt",
+            Self::Gltf => "glTF 2.0",
+        }
+    }
+
     /// By the ending of the name; where that says nothing, by how the file begins.
     pub(crate) fn of(file: &LoadedFile) -> Self {
         let ending = file
@@ -48,7 +57,7 @@ pub(crate) fn read(
     defines: &BTreeMap<String, String>,
     faults: &Rc<Faults>,
     warnings: &Rc<Warnings>,
-) -> Result<Description, SceneError> {
+) -> Result<(Format, Description), SceneError> {
     let place = Place::whole(main);
     let file = loader.open(&place, &[String::new()], main)?;
     let format = Format::of(&file);
@@ -56,11 +65,12 @@ pub(crate) fn read(
         let context = "definitions";
         return Err(SceneError::unknown(&place, context, "parameter", name, []));
     }
-    match format {
+    let description = match format {
         Format::Mitsuba => xml::read(loader, &file, defines, faults, warnings),
         Format::Pbrt => pbrt::read(loader, &file, faults, warnings),
         Format::Gltf => gltf::read(loader, &file, faults, warnings),
-    }
+    };
+    Ok((format, description?))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 mod black;
 mod build;
+mod contents;
 mod description;
 mod error;
 mod faults;
@@ -27,6 +28,7 @@ mod text;
 mod warning;
 mod xml;
 
+pub use contents::SceneContents;
 pub(crate) use error::shortened;
 pub use error::{Place, SceneError};
 pub use faults::SceneFaults;
@@ -63,6 +65,8 @@ pub struct Scene {
     pub sensor: Sensor,
     /// Image size and filter.
     pub film: FilmSettings,
+    /// What the scene holds.
+    pub contents: SceneContents,
     /// What the scene file asks for.
     pub wishes: Wishes,
     /// What is probably not meant, in the order in which it was found.
@@ -125,7 +129,7 @@ impl Scene {
             Rc::new(warning::Warnings::default()),
         );
         let scene = format::read(&mut loader, main, defines, &faults, &warnings)
-            .and_then(|description| build::build(&description, &mut loader, sensor));
+            .and_then(|(format, description)| build::build(format, &description, &mut loader, sensor));
         faults.settle(scene, &warnings)
     }
 

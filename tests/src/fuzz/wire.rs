@@ -10,7 +10,7 @@ use photonfarm_proto::problem::Problem;
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
-    NodeUpload, Register, Registered, Release, SettingsReport, StatisticsRequest, read_statistics, statistics_body,
+    NodeUpload, Register, Registered, Release, SceneReport, StatisticsRequest, read_statistics, statistics_body,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -39,7 +39,7 @@ pub(super) fn message(bytes: &[u8]) {
     survives::<Leave>(bytes);
     survives::<NodePlace>(bytes);
     survives::<StatisticsRequest>(bytes);
-    survives::<SettingsReport>(bytes);
+    survives::<SceneReport>(bytes);
     let values = bytes.len().saturating_sub(32) / 4;
     if let Some(statistics) = read_statistics(bytes, values) {
         assert_eq!(statistics_body(&statistics), bytes);

@@ -9,10 +9,11 @@ mod texture;
 
 use super::description::{Description, Kind, ObjectId};
 use super::error::{Place, SceneError, within};
+use super::format::Format;
 use super::loader::{LoadedFile, Loader};
 use super::mesh::MeshTotals;
 use super::reader::Reader;
-use super::{Scene, ShapeBinding, Wishes, lamps};
+use super::{Scene, SceneContents, ShapeBinding, Wishes, lamps};
 use crate::geometry::{Geometry, Shape, ShapeId};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
@@ -29,6 +30,7 @@ use std::sync::Arc;
 /// It is seen through the sensor that is named, or through the first one.
 /// Nothing comes back where faults of the scene were noted.
 pub(crate) fn build(
+    format: Format,
     description: &Description,
     loader: &mut Loader,
     sensor: Option<&str>,
@@ -73,7 +75,8 @@ pub(crate) fn build(
     if description.faults.any() {
         return Ok(None);
     }
-    builder.finish(scene.place(), view, wishes).map(Some)
+    let contents = SceneContents::of(format, description);
+    builder.finish(scene.place(), view, wishes, contents).map(Some)
 }
 
 fn missing(place: &Place, what: &str) -> SceneError {
@@ -193,7 +196,13 @@ impl<'b, 'f> Builder<'b, 'f> {
         id
     }
 
-    fn finish(mut self, place: &Place, view: Option<View>, wishes: Wishes) -> Result<Scene, SceneError> {
+    fn finish(
+        mut self,
+        place: &Place,
+        view: Option<View>,
+        wishes: Wishes,
+        contents: SceneContents,
+    ) -> Result<Scene, SceneError> {
         if self.shapes.is_empty() {
             return Err(missing(place, "a <shape>: the scene is empty"));
         }
@@ -227,6 +236,12 @@ impl<'b, 'f> Builder<'b, 'f> {
             lights,
             sensor,
             film,
+            contents: SceneContents {
+                triangles: self.meshes.triangles,
+                vertices: self.meshes.vertices,
+                texels: self.texels,
+                ..contents
+            },
             wishes,
             warnings: self.description.warnings.take(),
             motion: (!self.motion.is_empty()).then_some(self.motion),

@@ -7,6 +7,7 @@ use photonfarm_core::math::{Frame, Vec2, Vec3};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{DirectionSampler, IntegratorSettings, LookupVertex, PcfSettings, PppmSettings};
+use photonfarm_core::texture::TexturePoint;
 use photonfarm_tests::scenes::{self, View};
 use std::f64::consts::{PI, TAU};
 
@@ -135,9 +136,13 @@ fn rough_mirror(scene: &Scene, theta: f64) -> f64 {
     let axis = Vec3::new(0.342, 0.0, 0.9397).normalize();
     let to_light = Vec3::new(-0.342, 0.0, 0.9397).normalize();
     let frame = Frame::from_normal(axis);
+    let at = TexturePoint {
+        uv: Vec2::ZERO,
+        position: Vec3::ZERO,
+    };
     let radiance = |wo: Vec3| {
         let f = scene.materials[0]
-            .resolve(Vec2::ZERO, wo)
+            .resolve(&at, wo)
             .f(wo, to_light, TransportMode::Radiance);
         f64::from(f.luminance()) * f64::from(to_light.z)
     };
