@@ -12,8 +12,8 @@ use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::waiting::Waiting;
 use photonfarm_proto::worker::{
-    Acknowledged, Assignment, Lease, LeaseRequest, NodeReply, NodeUpload, Register, SceneReport, StatisticsRequest,
-    frame_upload, read_statistics,
+    Acknowledged, Assignment, Lease, LeaseRequest, MOST_WARNINGS, NodeReply, NodeUpload, Register, SceneReport,
+    StatisticsRequest, frame_upload, read_statistics,
 };
 use reqwest::{Method, StatusCode};
 use serde_json::json;
@@ -275,7 +275,7 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
         worker: lease.worker,
         job,
         integrator,
-        warnings: vec![],
+        warnings: vec!["scene.xml:2: <medium> is left out".into()],
     };
     let first = farm.lease(farm.register().await).await.lease;
     // Whoever is alone may say something else.
@@ -297,9 +297,16 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
         "{figures}"
     );
     assert_eq!(status.integrator, Some(of_depth(Some(4))));
+    assert_eq!(status.warnings, ["scene.xml:2: <medium> is left out"]);
     assert_eq!((status.poisoned, status.workers), (vec![], 2));
     let _: Acknowledged = farm.call("scene", &report(&second, of_depth(Some(4)))).await;
     let other = IntegratorSettings::Pppm(PppmSettings::default());
     let refused = farm.send("scene", encode(&report(&second, other)).unwrap()).await;
+    expect_problem(refused, ErrorCode::Invalid).await;
+    let talkative = SceneReport {
+        warnings: vec![String::new(); MOST_WARNINGS + 1],
+        ..report(&second, of_depth(Some(4)))
+    };
+    let refused = farm.send("scene", encode(&talkative).unwrap()).await;
     expect_problem(refused, ErrorCode::Invalid).await;
 }

@@ -1,7 +1,7 @@
 //! Integrators: ours with their settings, Mitsuba's others for their `max_depth`.
 
 use crate::integrator::{INTEGRATORS, Ignored, Integrator};
-use crate::scene::description::{Description, ObjectId, Value};
+use crate::scene::description::{Description, Kind, ObjectId, Value};
 use crate::scene::error::SceneError;
 use crate::scene::reader::Reader;
 use crate::settings::shared::MAX_DEPTH;
@@ -33,7 +33,7 @@ pub(super) fn build(
     description: &Description,
     object: ObjectId,
 ) -> Result<(Option<IntegratorSettings>, Option<u32>), SceneError> {
-    let reader = Reader::new(description, object);
+    let reader = Reader::new(description, innermost(description, object));
     let max_depth = max_depth(&reader)?;
     let plugin = reader.object.plugin.as_str();
     let settings = match Integrator::find(plugin) {
@@ -53,8 +53,19 @@ pub(super) fn build(
     if settings.is_some() && reader.boolean("hide_emitters", false)? {
         reader.warn_of("hide_emitters", "lights stay visible");
     }
+    reader.ignore(&["strict_normals"]);
     reader.finish();
     Ok((settings, max_depth))
+}
+
+/// The integrator that makes the picture: some write further layers or statistics, and have a nested one render.
+fn innermost(description: &Description, object: ObjectId) -> ObjectId {
+    /// More than anybody nests; references may form a circle.
+    const MOST: usize = 8;
+    (0..MOST).fold(object, |outer, _| {
+        let nested = Reader::new(description, outer).children(Kind::Integrator);
+        nested.first().map_or(outer, |child| child.target)
+    })
 }
 
 /// `max_depth`; -1 stands for no limit.

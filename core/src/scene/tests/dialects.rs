@@ -235,3 +235,17 @@ fn black_bodies_shine_by_the_law_of_planck() {
     assert!(broken("temperature='50'").contains("100 to 1000000"));
     assert!(broken("scale='1'").contains("attribute `temperature` is missing"));
 }
+
+/// Integrators that write statistics have another one render; a circle of references ends.
+#[test]
+fn the_innermost_integrator_counts() {
+    let path = "<integrator type='path'><integer name='max_depth' value='2'/></integrator>";
+    let scene_of = |integrator: &str| scene(&format!("<sensor type='perspective'/>{LIGHT}{BALL}{integrator}"));
+    let nested = scene_of(&format!(
+        "<integrator type='moment'><integrator type='aov'><string name='aovs' value='dd.y:depth'/>{path}</integrator></integrator>"
+    ));
+    assert_eq!((nested.wishes.max_depth, warnings(&nested)), (Some(2), vec![]));
+    assert!(nested.wishes.integrator.is_some());
+    let circle = scene_of("<integrator type='aov' id='a'><ref id='a'/></integrator>");
+    assert!(circle.wishes.integrator.is_none());
+}
