@@ -72,7 +72,7 @@ Examples:
       For scripts that may be run again: the first run of the day makes a job, later ones take it up.
 
 The scene file and every file that it names are sent; what the farm has already is not sent again.
-Files outside the scene file's folder are refused. --wait goes on through restarts of the
+They may lie anywhere on this machine. --wait goes on through restarts of the
 coordinator. Interrupting it leaves the job running on the farm, and says how to go on waiting. Each
 submission makes a new job, the same scene and settings as well, unless --key says that it is the same
 submission: then the scene and all settings must be the same, and the job may have ended since.";
