@@ -3,7 +3,7 @@
 //! Conventions are Mitsuba 3's: u runs to the right, v runs *down* the image, texel (i, j) covers
 //! `[i, i + 1) / width` by `[j, j + 1) / height`, and its value holds at its centre.
 
-use crate::geometry::SurfacePoint;
+use crate::geometry::{SurfacePoint, TriangleMesh};
 use crate::math::{Vec2, Vec3};
 use crate::spectrum::Spectrum;
 use std::sync::Arc;
@@ -25,6 +25,19 @@ pub enum Texture {
     },
     /// An image; the transform is applied to the surface coordinates first.
     Bitmap(Arc<Bitmap>, UvTransform),
+    /// What a mesh says of its vertices or triangles. It belongs to this mesh alone.
+    Attribute(Arc<AttributeTexture>),
+}
+
+/// Values of the vertices or triangles of a mesh.
+#[derive(Clone, Debug)]
+pub struct AttributeTexture {
+    /// The mesh.
+    pub mesh: Arc<TriangleMesh>,
+    /// A value for each vertex, between which it is interpolated, or for each triangle.
+    pub values: Vec<Spectrum>,
+    /// Whether there is one for each triangle.
+    pub of_faces: bool,
 }
 
 /// What a texture is a function of.
@@ -34,6 +47,10 @@ pub struct TexturePoint {
     pub uv: Vec2,
     /// Position in the world [scene units].
     pub position: Vec3,
+    /// The triangle of a mesh.
+    pub primitive: u32,
+    /// Barycentric coordinates of the triangle's second and third vertex.
+    pub barycentric: Vec2,
 }
 
 impl From<&SurfacePoint> for TexturePoint {
@@ -41,6 +58,8 @@ impl From<&SurfacePoint> for TexturePoint {
         Self {
             uv: point.uv,
             position: point.position,
+            primitive: point.primitive,
+            barycentric: point.barycentric,
         }
     }
 }
@@ -101,6 +120,7 @@ impl Texture {
                 if upper.x == upper.y { *even } else { *odd }
             }
             Self::Bitmap(bitmap, to_uv) => bitmap.eval(to_uv.apply(at.uv)),
+            Self::Attribute(attribute) => attribute.eval(at),
         }
     }
 
@@ -112,7 +132,20 @@ impl Texture {
             Self::Constant(value) => *value,
             Self::Checkerboard { even, odd, .. } => (*even + *odd) * 0.5,
             Self::Bitmap(bitmap, _) => bitmap.mean(),
+            Self::Attribute(attribute) => Spectrum::average(&attribute.values),
         }
+    }
+}
+
+impl AttributeTexture {
+    fn eval(&self, at: &TexturePoint) -> Spectrum {
+        let triangle = at.primitive as usize;
+        if self.of_faces {
+            return self.values[triangle];
+        }
+        let [a, b, c] = self.mesh.triangles[triangle].map(|vertex| self.values[vertex as usize]);
+        let [s, t] = at.barycentric.to_array();
+        a * (1.0 - s - t) + b * s + c * t
     }
 }
 
@@ -202,6 +235,8 @@ mod tests {
         TexturePoint {
             uv: uv.into(),
             position: Vec3::ZERO,
+            primitive: 0,
+            barycentric: Vec2::ZERO,
         }
     }
 

@@ -461,7 +461,7 @@ fn limits_are_named_with_their_values() {
         (
             Limits { shapes: 1, ..default() },
             "main.xml",
-            1,
+            5,
             "number of shapes: 2 is over the limit of 1",
             "<shape type='cube'/>",
         ),

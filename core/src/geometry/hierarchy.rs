@@ -181,8 +181,8 @@ impl Hierarchy {
             _ => (Vec3::ZERO, Vec3::ZERO),
         };
         self.reach = self.bounds.0.abs().max(self.bounds.1.abs()).max_element();
-        // A ray within the plane of a box's side must not miss the box.
-        let margin = Lanes::splat(self.reach * f32::EPSILON);
+        // A ray within the plane of a box's side must not miss the box, nor one whose origin within the bounds is rounded.
+        let margin = Lanes::splat(self.reach * (2.0 * f32::EPSILON));
         for [lower, upper] in self.nodes.iter_mut().flat_map(|node| &mut node.bounds) {
             *lower -= margin;
             *upper += margin;

@@ -4,18 +4,20 @@
 //! stores what the intersection tests need, while shading attributes are read from the shape once the nearest hit is
 //! known.
 //!
-//! Instancing is not built, but has its place: a further kind of curved primitive would hold a transform and a shared
-//! [`Geometry`], transform the ray, and answer with the inner hit; the numbering of primitives and the traversal stay.
+//! An instance is a further kind of primitive: it holds a transform and a shared [`ShapeGroup`], which has a hierarchy of
+//! its own, carries the ray into the group's space, and answers with the hit that it finds there.
 
 mod curved;
 mod hierarchy;
+mod instance;
 mod sampling;
 mod surface;
 mod traversal;
 mod triangle;
 
-use crate::math::{Frame, Transform, Vec2, Vec3};
+use crate::math::{DVec3, Frame, Transform, Vec2, Vec3};
 use hierarchy::Hierarchy;
+pub use instance::ShapeGroup;
 pub use sampling::{ShapeSampler, TowardsSample};
 use std::sync::Arc;
 
@@ -31,7 +33,24 @@ pub struct Ray {
     pub max_distance: f32,
 }
 
-/// Index of a shape in the scene (one per `<shape>` element).
+/// The line of a ray in double precision, as the hierarchy is searched with it.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    origin: DVec3,
+    /// Unit direction.
+    direction: DVec3,
+}
+
+impl Line {
+    fn of(ray: &Ray) -> Self {
+        Self {
+            origin: ray.origin.as_dvec3(),
+            direction: ray.direction.as_dvec3(),
+        }
+    }
+}
+
+/// Index of a shape in the scene (one per `<shape>` element). Shapes of groups are numbered behind all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ShapeId(pub u32);
 
@@ -51,10 +70,12 @@ pub struct SurfacePoint {
     pub uv: Vec2,
     /// Bound of the rounding error of `position` per axis, for ray offsets.
     pub position_error: f32,
-    /// The shape that was hit; the scene maps it to its material and light.
+    /// The shape that was hit, within its group where an instance was; the scene maps it to its material and light.
     pub shape: ShapeId,
-    /// Primitive within the geometry (triangle, sphere or disk), for light densities.
+    /// The triangle of a mesh that was hit; 0 on other shapes.
     pub primitive: u32,
+    /// Barycentric coordinates of the second and third vertex of that triangle; zero on other shapes.
+    pub barycentric: Vec2,
     /// Distance along the ray.
     pub distance: f32,
 }
@@ -75,12 +96,34 @@ pub enum Shape {
         /// Whether the outer side is inside.
         flip_normals: bool,
     },
+    /// The unit sphere about the origin, mapped by `to_world`; the outer side is outside unless `flip_normals`.
+    Ellipsoid {
+        /// Local to world; any affine map.
+        to_world: Transform,
+        /// Whether the outer side is inside.
+        flip_normals: bool,
+    },
     /// The unit disc about the local z axis, mapped by `to_world`; the outer side is local +z unless `flip_normals`.
     Disk {
         /// Local to world; any affine map.
         to_world: Transform,
         /// Whether the outer side is local -z.
         flip_normals: bool,
+    },
+    /// The mantle of the cylinder of radius 1 about the local z axis from z = 0 to 1, mapped by `to_world`; the outer side
+    /// is outside unless `flip_normals`.
+    Cylinder {
+        /// Local to world; any affine map, but a light's scales x and y evenly and keeps z perpendicular to them.
+        to_world: Transform,
+        /// Whether the outer side is inside.
+        flip_normals: bool,
+    },
+    /// A group of shapes, mapped by `to_world`. Outer sides stay those of the group's shapes, whether or not the map mirrors.
+    Instance {
+        /// The shapes.
+        group: Arc<ShapeGroup>,
+        /// The group's space to world; any affine map.
+        to_world: Transform,
     },
 }
 
@@ -112,7 +155,7 @@ impl Shape {
     fn primitives(&self) -> usize {
         match self {
             Self::Mesh(mesh) => mesh.triangles.len(),
-            Self::Sphere { .. } | Self::Disk { .. } => 1,
+            _ => 1,
         }
     }
 
@@ -137,9 +180,21 @@ impl Shape {
                 to_local: to_local.after(&by.inverted()),
                 flip_normals: *flip_normals,
             },
+            Self::Ellipsoid { to_world, flip_normals } => Self::Ellipsoid {
+                to_world: by.after(to_world),
+                flip_normals: *flip_normals,
+            },
             Self::Disk { to_world, flip_normals } => Self::Disk {
                 to_world: by.after(to_world),
                 flip_normals: *flip_normals,
+            },
+            Self::Cylinder { to_world, flip_normals } => Self::Cylinder {
+                to_world: by.after(to_world),
+                flip_normals: *flip_normals,
+            },
+            Self::Instance { group, to_world } => Self::Instance {
+                group: Arc::clone(group),
+                to_world: by.after(to_world),
             },
         }
     }
@@ -200,13 +255,16 @@ impl Geometry {
     /// The nearest hit. Of hits at equal distance the one with the lowest primitive index wins.
     #[must_use]
     pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
-        self.hierarchy.nearest(ray).map(|hit| self.surface_point(ray, &hit))
+        let hit = self.hierarchy.nearest(&Line::of(ray), f64::from(ray.max_distance));
+        hit.map(|hit| self.surface_point(ray, &hit))
     }
 
     /// Whether anything lies on the ray before `max_distance`.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        self.hierarchy.any(ray)
+        self.hierarchy
+            .any(&Line::of(ray), f64::from(ray.max_distance))
+            .is_some()
     }
 
     /// Bounds of all shapes [scene units]: lower and upper corner. Both are zero where there is nothing.
@@ -215,7 +273,13 @@ impl Geometry {
         self.hierarchy.bounds
     }
 
-    /// A shape of the scene.
+    /// The shape to which a primitive belongs.
+    #[inline]
+    fn shape_of(&self, primitive: u32) -> u32 {
+        self.first_primitive.partition_point(|first| *first <= primitive) as u32 - 1
+    }
+
+    /// A shape of the scene that belongs to no group.
     #[must_use]
     pub fn shape(&self, id: ShapeId) -> &Shape {
         &self.shapes[id.0 as usize]

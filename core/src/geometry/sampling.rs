@@ -2,7 +2,7 @@
 
 use super::{Geometry, Shape, ShapeId, SurfacePoint};
 use crate::math::warp::{self, square_to_disk, square_to_sphere, square_to_triangle};
-use crate::math::{DVec2, Discrete, Frame, PI, Vec2, Vec3, safe_sqrt, sqr, to_unit_f32, to_unit_vec2};
+use crate::math::{DVec2, Discrete, Frame, PI, TAU, Vec2, Vec3, safe_sqrt, sin_cos, sqr, to_unit_f32, to_unit_vec2};
 
 /// Samples the points of one shape.
 #[derive(Clone, Debug)]
@@ -21,6 +21,7 @@ enum Kind {
         radius: f32,
     },
     Disk,
+    Cylinder,
 }
 
 /// A point on a shape as seen from elsewhere.
@@ -67,6 +68,12 @@ impl ShapeSampler {
                 let (x, y) = (to_world.matrix().x_axis.truncate(), to_world.matrix().y_axis.truncate());
                 (f64::from(PI) * x.cross(y).length(), Kind::Disk)
             }
+            Shape::Cylinder { to_world, .. } => {
+                let (x, z) = (to_world.matrix().x_axis.truncate(), to_world.matrix().z_axis.truncate());
+                (f64::from(TAU) * x.cross(z).length(), Kind::Cylinder)
+            }
+            // These are no lights.
+            Shape::Ellipsoid { .. } | Shape::Instance { .. } => (0.0, Kind::Mesh(Discrete::default())),
         };
         Self {
             shape: id,
@@ -100,6 +107,11 @@ impl ShapeSampler {
             }
             Kind::Sphere { .. } => geometry.point_on_curved(self.shape, square_to_sphere(to_unit_vec2(u))),
             Kind::Disk => geometry.point_on_curved(self.shape, square_to_disk(to_unit_vec2(u)).extend(0.0)),
+            Kind::Cylinder => {
+                let u = to_unit_vec2(u);
+                let (sin_phi, cos_phi) = sin_cos(TAU * u.x);
+                geometry.point_on_curved(self.shape, Vec3::new(cos_phi, sin_phi, u.y))
+            }
         }
     }
 

@@ -11,22 +11,33 @@ const SHADOW_GAP: f32 = 1e-4;
 const SHADOW_GAP_ROUNDINGS: f32 = 64.0;
 
 /// Position, normals and texture coordinates of a point, before its frame is set up.
-struct Interpolated {
-    position: DVec3,
+pub(super) struct Interpolated {
+    pub(super) position: DVec3,
     /// The largest coordinates that went into the position, per axis.
-    extent: Vec3,
-    geometric_normal: Vec3,
-    shading_normal: Vec3,
-    uv: Vec2,
+    pub(super) extent: Vec3,
+    pub(super) geometric_normal: Vec3,
+    pub(super) shading_normal: Vec3,
+    pub(super) uv: Vec2,
     /// Derivative of the position by the first texture coordinate; zero where there is none.
-    tangent: Vec3,
+    pub(super) tangent: Vec3,
 }
 
 impl Geometry {
     pub(super) fn surface_point(&self, ray: &Ray, hit: &Hit) -> SurfacePoint {
         let along = || ray.origin.as_dvec3() + hit.t * ray.direction.as_dvec3();
-        let shape = self.first_primitive.partition_point(|first| *first <= hit.primitive) as u32 - 1;
-        let interpolated = match &self.shapes[shape as usize] {
+        let shape = self.shape_of(hit.primitive);
+        if let Shape::Instance { group, to_world } = &self.shapes[shape as usize] {
+            return self.instanced_point(group, to_world, hit, along());
+        }
+        let interpolated = self.interpolate(shape, hit, along);
+        let primitive = hit.primitive - self.first_primitive[shape as usize];
+        interpolated.finish(ShapeId(shape), primitive, hit.barycentric, hit.t as f32)
+    }
+
+    /// The point of a hit on `shape`, which is no instance; `position` tells about where.
+    #[inline]
+    pub(super) fn interpolate(&self, shape: u32, hit: &Hit, position: impl FnOnce() -> DVec3) -> Interpolated {
+        match &self.shapes[shape as usize] {
             Shape::Mesh(mesh) => {
                 let triangle = hit.primitive - self.first_primitive[shape as usize];
                 on_triangle(mesh, triangle, self.hierarchy.corners(hit), hit.barycentric)
@@ -36,14 +47,30 @@ impl Geometry {
                 radius,
                 to_local,
                 flip_normals,
-            } => on_sphere(along() - center.as_dvec3(), *center, *radius, to_local, *flip_normals),
-            Shape::Disk { to_world, flip_normals } => on_disk(
-                to_world.inverted().matrix().transform_point3(along()),
+            } => on_sphere(
+                position() - center.as_dvec3(),
+                *center,
+                *radius,
+                to_local,
+                *flip_normals,
+            ),
+            Shape::Ellipsoid { to_world, flip_normals } => on_ellipsoid(
+                to_world.inverted().matrix().transform_point3(position()),
                 to_world,
                 *flip_normals,
             ),
-        };
-        interpolated.finish(ShapeId(shape), hit.primitive, hit.t as f32)
+            Shape::Disk { to_world, flip_normals } => on_disk(
+                to_world.inverted().matrix().transform_point3(position()),
+                to_world,
+                *flip_normals,
+            ),
+            Shape::Cylinder { to_world, flip_normals } => on_cylinder(
+                to_world.inverted().matrix().transform_point3(position()),
+                to_world,
+                *flip_normals,
+            ),
+            Shape::Instance { .. } => unreachable!("groups hold no instances"),
+        }
     }
 
     /// The point with the given barycentric coordinates (of the second and third vertex) on triangle `triangle` of a mesh.
@@ -52,24 +79,25 @@ impl Geometry {
             return None;
         };
         let barycentric = [barycentric.x, barycentric.y].map(f64::from);
-        let primitive = self.first_primitive[shape.0 as usize] + triangle;
         let corners = mesh.triangles[triangle as usize].map(|i| mesh.positions[i as usize]);
-        Some(on_triangle(mesh, triangle, corners, barycentric).finish(shape, primitive, 0.0))
+        Some(on_triangle(mesh, triangle, corners, barycentric).finish(shape, triangle, barycentric, 0.0))
     }
 
-    /// The point of a sphere in the unit direction `normal` from its centre, or of a disc at `local` on the unit disc.
+    /// The point of a sphere in the unit direction `local` from its centre, or of a disc or a cylinder at `local` in its own space.
     pub(super) fn point_on_curved(&self, shape: ShapeId, local: Vec3) -> Option<SurfacePoint> {
         let interpolated = match self.shape(shape) {
-            Shape::Mesh(_) => return None,
+            Shape::Mesh(_) | Shape::Instance { .. } => return None,
             Shape::Sphere {
                 center,
                 radius,
                 to_local,
                 flip_normals,
             } => on_sphere(local.as_dvec3(), *center, *radius, to_local, *flip_normals),
+            Shape::Ellipsoid { to_world, flip_normals } => on_ellipsoid(local.as_dvec3(), to_world, *flip_normals),
             Shape::Disk { to_world, flip_normals } => on_disk(local.as_dvec3(), to_world, *flip_normals),
+            Shape::Cylinder { to_world, flip_normals } => on_cylinder(local.as_dvec3(), to_world, *flip_normals),
         };
-        Some(interpolated.finish(shape, self.first_primitive[shape.0 as usize], 0.0))
+        Some(interpolated.finish(shape, 0, [0.0; 2], 0.0))
     }
 }
 
@@ -124,8 +152,6 @@ fn on_sphere(offset: DVec3, center: Vec3, radius: f32, to_local: &Transform, fli
         .transform_vector3(outward)
         .normalize_or(DVec3::Z)
         .as_vec3();
-    let phi = atan2(local.y, local.x);
-    let phi = if phi < 0.0 { phi + TAU } else { phi };
     let normal = if flip_normals {
         -outward.as_vec3()
     } else {
@@ -136,17 +162,43 @@ fn on_sphere(offset: DVec3, center: Vec3, radius: f32, to_local: &Transform, fli
         extent: center.abs() + Vec3::splat(radius),
         geometric_normal: normal,
         shading_normal: normal,
-        uv: Vec2::new(phi / TAU, acos(local.z) / PI),
+        uv: Vec2::new(turn(local.x, local.y), acos(local.z) / PI),
         tangent: to_local.inverted().vector(Vec3::new(-local.y, local.x, 0.0)),
     }
+}
+
+/// `local` is the point in the ellipsoid's own space, where it is the unit sphere; its length is corrected.
+fn on_ellipsoid(local: DVec3, to_world: &Transform, flip_normals: bool) -> Interpolated {
+    let outward = local.normalize_or(DVec3::Z);
+    let local = outward.as_vec3();
+    let normal = to_world.normal(if flip_normals { -local } else { local });
+    Interpolated {
+        position: to_world.matrix().transform_point3(outward),
+        extent: extent_of(to_world),
+        geometric_normal: normal,
+        shading_normal: normal,
+        uv: Vec2::new(turn(local.x, local.y), acos(local.z) / PI),
+        tangent: to_world.vector(Vec3::new(-local.y, local.x, 0.0)),
+    }
+}
+
+/// The angle of (x, y) from the x axis towards y, in turns from 0 to 1.
+fn turn(x: f32, y: f32) -> f32 {
+    let phi = atan2(y, x);
+    (if phi < 0.0 { phi + TAU } else { phi }) / TAU
+}
+
+/// A bound, per axis, of the coordinates that go into the image of a point of the unit cube.
+fn extent_of(to_world: &Transform) -> Vec3 {
+    let matrix = to_world.matrix();
+    let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis, matrix.w_axis];
+    axes.into_iter().map(|axis| axis.truncate().as_vec3().abs()).sum()
 }
 
 /// `local` is the point in the frame of the unit disc.
 fn on_disk(local: DVec3, to_world: &Transform, flip_normals: bool) -> Interpolated {
     let (x, y) = (local.x as f32, local.y as f32);
     let radius = (x * x + y * y).sqrt();
-    let phi = atan2(y, x);
-    let phi = if phi < 0.0 { phi + TAU } else { phi };
     let matrix = to_world.matrix();
     let normal = to_world.normal(if flip_normals { -Vec3::Z } else { Vec3::Z });
     let origin = matrix.w_axis.truncate().as_vec3();
@@ -155,14 +207,30 @@ fn on_disk(local: DVec3, to_world: &Transform, flip_normals: bool) -> Interpolat
         extent: origin.abs() + to_world.vector(Vec3::X).abs() + to_world.vector(Vec3::Y).abs(),
         geometric_normal: normal,
         shading_normal: normal,
-        uv: Vec2::new(radius, phi / TAU),
+        uv: Vec2::new(radius, turn(x, y)),
         tangent: to_world.vector(if radius > 0.0 { Vec3::new(x, y, 0.0) } else { Vec3::X }),
+    }
+}
+
+/// `local` is the point in the cylinder's own space; its distance from the axis is corrected.
+fn on_cylinder(local: DVec3, to_world: &Transform, flip_normals: bool) -> Interpolated {
+    let around = local.with_z(0.0).normalize_or(DVec3::X);
+    let (x, y) = (around.x as f32, around.y as f32);
+    let outward = Vec3::new(x, y, 0.0);
+    let normal = to_world.normal(if flip_normals { -outward } else { outward });
+    Interpolated {
+        position: to_world.matrix().transform_point3(around.with_z(local.z)),
+        extent: extent_of(to_world),
+        geometric_normal: normal,
+        shading_normal: normal,
+        uv: Vec2::new(turn(x, y), local.z as f32),
+        tangent: to_world.vector(Vec3::new(-y, x, 0.0)),
     }
 }
 
 impl Interpolated {
     #[inline]
-    fn finish(self, shape: ShapeId, primitive: u32, distance: f32) -> SurfacePoint {
+    pub(super) fn finish(self, shape: ShapeId, primitive: u32, barycentric: [f64; 2], distance: f32) -> SurfacePoint {
         let position = self.position.as_vec3();
         SurfacePoint {
             position,
@@ -172,6 +240,7 @@ impl Interpolated {
             position_error: (position.abs() * f32::EPSILON + self.extent * INTERPOLATION_ERROR).max_element(),
             shape,
             primitive,
+            barycentric: Vec2::from_array(barycentric.map(|b| b as f32)),
             distance,
         }
     }

@@ -1,5 +1,7 @@
 //! Tests of the ray queries. Counts are exact: every ray must answer rightly, so there is no false alarm.
 
+mod instances;
+
 use super::*;
 use crate::math::{DVec3, sin_cos, warp};
 use crate::random::{PathRandom, Stream};
@@ -180,13 +182,14 @@ fn rays_leave_surfaces_at_every_scale_and_far_from_the_origin() {
             };
             let cube = Shape::Mesh(cube(|p| turn * p * scale + center).into());
             for shape in [cube, sphere] {
-                leave_convex_body(&Geometry::build(vec![shape]), center.as_vec3(), &mut random);
+                leave_convex_body(&Geometry::build(vec![shape]), center.as_vec3(), true, &mut random);
             }
         }
     }
 }
 
-fn leave_convex_body(geometry: &Geometry, center: Vec3, random: &mut PathRandom) {
+/// `inwards`: whether rays inwards are tested, too. Where a sharp edge is no wider than the rounding of positions, they may start outside.
+fn leave_convex_body(geometry: &Geometry, center: Vec3, inwards: bool, random: &mut PathRandom) {
     for _ in 0..10_000 {
         let start = ray(center, warp::square_to_sphere(random.next_2d()));
         let point = geometry.intersect(&start).expect("a ray from the centre hits");
@@ -200,7 +203,7 @@ fn leave_convex_body(geometry: &Geometry, center: Vec3, random: &mut PathRandom)
             let outwards = point.ray_towards(direction);
             assert!(!geometry.occluded(&outwards), "{:?} {point:?} hits itself", outwards);
             assert!(
-                geometry.occluded(&point.ray_towards(-direction)),
+                !inwards || geometry.occluded(&point.ray_towards(-direction)),
                 "{point:?} leaks along {}",
                 -direction
             );

@@ -4,8 +4,9 @@
 //! the box test (Ize 2013), and hits are compared in double precision, then by primitive index. So the nearest hit
 //! does not depend on the shape of the hierarchy.
 
-use super::Ray;
-use super::hierarchy::{Child, CurvedLeaf, Hierarchy, Lanes, Node, Target, WIDTH};
+use super::Line;
+use super::curved::Curved;
+use super::hierarchy::{Child, Hierarchy, Lanes, Node, Target, WIDTH};
 use super::triangle::{LANES, ShearedRay, TriangleHit};
 use crate::math::Vec3;
 
@@ -16,16 +17,28 @@ pub(super) struct Hit {
     pub(super) t: f64,
     /// Barycentric coordinates of the second and third vertex; zero for curved primitives.
     pub(super) barycentric: [f64; 2],
-    /// Primitive index.
+    /// Primitive index; that of the instance for a hit on one.
     pub(super) primitive: u32,
-    /// Where the hierarchy keeps the triangle; see [`Hierarchy::corners`].
+    /// Where the hierarchy keeps the primitive; for a hit on an instance, where that of its group does.
     pub(super) place: u32,
 }
 
+/// What a walk looks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Search {
+    /// The nearest hit.
+    Nearest,
+    /// Any hit.
+    Any,
+}
+
+/// The bit of [`Hit::place`] that tells curved primitives from triangles.
+const CURVED: u32 = 1 << 31;
+
 /// A direction component no smaller than this keeps slab distances finite, or infinite but never NaN.
 const SMALLEST_COMPONENT: f32 = 1e-30;
-/// Covers the rounding of a slab distance: three operations at each end.
-const SLAB_MARGIN: f32 = 1.0 + 4.0 * f32::EPSILON;
+/// Covers the rounding of a slab distance at each end: of three operations and of the direction.
+const SLAB_MARGIN: f32 = 1.0 + 6.0 * f32::EPSILON;
 /// Entries of the stack before it moves to the heap.
 const STACK: usize = 64;
 
@@ -38,13 +51,11 @@ struct SlabRay {
 }
 
 impl SlabRay {
-    fn new(ray: &Ray) -> Self {
-        let direction = ray
-            .direction
-            .to_array()
-            .map(|d| d.abs().max(SMALLEST_COMPONENT).copysign(d));
+    fn new(line: &Line) -> Self {
+        let direction = line.direction.as_vec3().to_array();
+        let direction = direction.map(|d| d.abs().max(SMALLEST_COMPONENT).copysign(d));
         Self {
-            origin: ray.origin.to_array().map(Lanes::splat),
+            origin: line.origin.as_vec3().to_array().map(Lanes::splat),
             inverse: direction.map(|d| Lanes::splat(1.0 / d)),
             near: direction.map(|d| usize::from(d < 0.0)),
         }
@@ -170,15 +181,15 @@ fn box_limit(t: f64) -> f32 {
 }
 
 impl Hierarchy {
-    /// The nearest hit before the ray's end; of equally near ones that of the lowest primitive index.
-    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
+    /// The nearest hit before the distance `end`; of equally near ones that of the lowest primitive index.
+    pub(super) fn nearest(&self, line: &Line, end: f64) -> Option<Hit> {
         let mut best = Hit {
-            t: f64::from(ray.max_distance),
+            t: end,
             barycentric: [0.0; 2],
             primitive: u32::MAX,
             place: 0,
         };
-        self.walk(ray, |hit| {
+        self.walk(line, end, Search::Nearest, |hit| {
             if hit.t < best.t || (hit.t == best.t && hit.primitive < best.primitive && best.primitive != u32::MAX) {
                 best = hit;
             }
@@ -187,13 +198,12 @@ impl Hierarchy {
         (best.primitive != u32::MAX).then_some(best)
     }
 
-    /// Whether there is any hit before the ray's end.
-    pub(super) fn any(&self, ray: &Ray) -> bool {
-        let end = f64::from(ray.max_distance);
-        let mut found = false;
-        self.walk(ray, |hit| {
-            found = hit.t < end;
-            (!found).then_some(end)
+    /// Any hit before the distance `end`.
+    pub(super) fn any(&self, line: &Line, end: f64) -> Option<Hit> {
+        let mut found = None;
+        self.walk(line, end, Search::Any, |hit| {
+            found = (hit.t < end).then_some(hit);
+            found.is_none().then_some(end)
         });
         found
     }
@@ -203,16 +213,25 @@ impl Hierarchy {
         self.blocks[hit.place as usize / LANES].corners(hit.place as usize % LANES)
     }
 
+    /// The primitive at the place of a hit.
+    pub(super) fn primitive(&self, place: u32) -> u32 {
+        let index = (place & !CURVED) as usize;
+        match place & CURVED {
+            0 => self.blocks[index / LANES].primitive(index % LANES),
+            _ => self.curved[index].primitive,
+        }
+    }
+
     /// Shows every hit at positive distance to `visit`, roughly in order, until it returns `None`; what it returns
-    /// bounds the distances that still matter.
+    /// bounds the distances that still matter. Of an instance it shows the hit that `search` finds.
     #[inline(always)]
-    fn walk(&self, ray: &Ray, mut visit: impl FnMut(Hit) -> Option<f64>) {
+    fn walk(&self, line: &Line, end: f64, search: Search, mut visit: impl FnMut(Hit) -> Option<f64>) {
         if self.nodes.is_empty() {
             return;
         }
-        let slabs = SlabRay::new(ray);
-        let sheared = ShearedRay::new(ray, self.reach);
-        let mut limit = box_limit(f64::from(ray.max_distance));
+        let slabs = SlabRay::new(line);
+        let sheared = ShearedRay::new(line, self.reach);
+        let mut limit = box_limit(end);
         let mut stack = Stack::new();
         let mut next = Some(Child::ROOT);
         while let Some(child) = next {
@@ -248,14 +267,22 @@ impl Hierarchy {
                     }
                 }
                 Target::Curved(index) => {
-                    let CurvedLeaf { primitive, curved, .. } = &self.curved[index];
-                    if let Some(t) = curved.intersect(ray) {
-                        match visit(Hit {
+                    let leaf = &self.curved[index];
+                    let hit = match &leaf.curved {
+                        Curved::Instance(placed) => {
+                            let end = if search == Search::Any { end } else { f64::from(limit) };
+                            placed.intersect(line, end, search)
+                        }
+                        curved => curved.intersect(line).map(|t| Hit {
                             t,
                             barycentric: [0.0; 2],
-                            primitive: *primitive,
-                            place: 0,
-                        }) {
+                            primitive: leaf.primitive,
+                            place: index as u32 | CURVED,
+                        }),
+                    };
+                    if let Some(hit) = hit {
+                        let primitive = leaf.primitive;
+                        match visit(Hit { primitive, ..hit }) {
                             Some(t) => limit = box_limit(t),
                             None => return,
                         }

@@ -6,7 +6,7 @@
 //! has the same sheared coordinates in both, the sign of an edge function flips exactly between the two sides of an
 //! edge, and zero counts as inside: no ray slips through between them.
 
-use super::Ray;
+use super::Line;
 use crate::math::Vec3;
 use wide::f32x4;
 
@@ -44,9 +44,9 @@ pub(super) struct ShearedRay {
 
 impl ShearedRay {
     /// `reach` bounds the absolute value of every vertex coordinate.
-    pub(super) fn new(ray: &Ray, reach: f32) -> Self {
-        let direction = ray.direction.to_array();
-        let magnitude = ray.direction.abs();
+    pub(super) fn new(line: &Line, reach: f32) -> Self {
+        let direction = line.direction.to_array();
+        let magnitude = line.direction.abs();
         let z = if magnitude.x >= magnitude.y && magnitude.x >= magnitude.z {
             0
         } else if magnitude.y >= magnitude.z {
@@ -55,16 +55,17 @@ impl ShearedRay {
             2
         };
         let axes = [(z + 1) % 3, (z + 2) % 3, z];
-        let origin = ray.origin.to_array();
-        let inverse_z = 1.0 / f64::from(direction[z]);
-        let exact_shear = [0, 1].map(|i| f64::from(direction[axes[i]]) * inverse_z);
-        let unit = 0.5 * f32::EPSILON * (reach + ray.origin.abs().max_element());
+        let exact_origin = line.origin.to_array();
+        let origin = line.origin.as_vec3();
+        let inverse_z = 1.0 / direction[z];
+        let exact_shear = [0, 1].map(|i| direction[axes[i]] * inverse_z);
+        let unit = 0.5 * f32::EPSILON * (reach + origin.abs().max_element());
         Self {
             axes,
             origin: axes.map(|a| f32x4::splat(origin[a])),
             shear: exact_shear.map(|s| f32x4::splat(s as f32)),
             margin: [f32x4::splat(48.0 * unit), f32x4::splat(128.0 * unit * unit)],
-            exact_origin: axes.map(|a| f64::from(origin[a])),
+            exact_origin: axes.map(|a| exact_origin[a]),
             exact_shear,
             inverse_z,
         }
@@ -119,7 +120,7 @@ impl TriangleBlock {
     /// A bit for every lane that the ray's line may hit.
     ///
     /// With `u` the unit roundoff, `m` the largest sheared coordinate of a lane and `M` a bound of all translated
-    /// ones, coordinates are off by less than `6 u M`, so edge functions by less than `32 u M m + 72 (u M)^2`.
+    /// ones, coordinates are off by less than `8 u M`, so edge functions by less than `40 u M m + 128 (u M)^2`.
     #[inline]
     pub(super) fn candidates(&self, ray: &ShearedRay) -> u32 {
         let [kx, ky, kz] = ray.axes;

@@ -86,6 +86,8 @@ impl Projector {
         let at = TexturePoint {
             uv,
             position: self.position,
+            primitive: 0,
+            barycentric: Vec2::ZERO,
         };
         self.image.eval(&at) * (PI * self.scale)
     }

@@ -1,6 +1,7 @@
 //! What loading decides for a scene's author, and what it warns about.
 
 mod dialects;
+mod shapes;
 
 use super::{Limits, Scene, SceneFaults};
 use crate::film::Filter;
@@ -649,11 +650,6 @@ fn a_moving_shape_is_at_each_keyframe_that_with_its_transform() {
 fn motions_that_a_shape_or_light_cannot_make_are_refused_in_their_line() {
     let (uneven, far) = ("<scale x='2'/>", "<translate x='9e8'/><scale value='2'/>");
     for (element, keyframe, message) in [
-        (
-            "shape type='sphere'",
-            uneven,
-            "a sphere can be scaled by the same factor",
-        ),
         (
             "shape type='cube'",
             far,

@@ -13,6 +13,8 @@ const UV: Vec2 = Vec2::new(0.5, 0.5);
 const AT: TexturePoint = TexturePoint {
     uv: UV,
     position: Vec3::ZERO,
+    primitive: 0,
+    barycentric: Vec2::ZERO,
 };
 const WHITE: Texture = Texture::Constant(Spectrum::ONE);
 const MODES: [TransportMode; 2] = [TransportMode::Radiance, TransportMode::Flux];

@@ -28,7 +28,9 @@ const ROUGHNESS: RangeInclusive<f64> = 1e-4..=10.0;
 impl Builder<'_, '_> {
     /// The index of the material that `object` describes.
     pub(super) fn material(&mut self, object: ObjectId) -> Result<u32, SceneError> {
-        if let Some(index) = self.material_of.get(&object) {
+        if self.attributes.is_empty()
+            && let Some(index) = self.material_of.get(&object)
+        {
             return Ok(*index);
         }
         let built = self.new_material(object);
@@ -39,7 +41,10 @@ impl Builder<'_, '_> {
             }
             None => self.default_material(),
         };
-        self.material_of.insert(object, index);
+        // What shows attributes of a mesh is the material of this mesh alone.
+        if self.attributes.is_empty() {
+            self.material_of.insert(object, index);
+        }
         Ok(index)
     }
 

@@ -1,5 +1,8 @@
 //! From the scene as written to the scene that renders.
 
+mod attributes;
+mod curves;
+mod instance;
 mod integrator;
 mod light;
 mod material;
@@ -7,22 +10,25 @@ mod sensor;
 mod shape;
 mod texture;
 
-use super::description::{Description, Kind, ObjectId};
-use super::error::{Place, SceneError, within};
+use super::description::{Child, Description, Kind, ObjectId};
+use super::error::{Place, SceneError};
 use super::format::Format;
 use super::loader::{LoadedFile, Loader};
 use super::mesh::MeshTotals;
 use super::reader::Reader;
 use super::{Scene, SceneContents, ShapeBinding, Wishes, lamps};
-use crate::geometry::{Geometry, Shape, ShapeId};
+use crate::geometry::{Geometry, Shape, ShapeGroup, ShapeId};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
 use crate::math::{AnimatedTransform, Transform};
 use crate::motion::Motion;
 use crate::spectrum::Spectrum;
 use crate::texture::Bitmap;
+use attributes::MeshAttributes;
+use instance::BuiltGroup;
 use sensor::View;
 use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 use std::sync::Arc;
 
 /// Builds the scene that `description` describes.
@@ -49,24 +55,20 @@ pub(crate) fn build(
             (wishes.integrator, wishes.max_depth) = settings;
         }
     }
-    for bsdf in scene.children(Kind::Bsdf) {
+    // What shows attributes of a mesh is built with the mesh.
+    let of_no_mesh = |child: &&Child| MeshAttributes::asked_by(description, [child.target].into_iter()).is_empty();
+    for bsdf in scene.children(Kind::Bsdf).into_iter().filter(of_no_mesh) {
         builder.material(bsdf.target)?;
     }
-    for texture in scene.children(Kind::Texture) {
+    for texture in scene.children(Kind::Texture).into_iter().filter(of_no_mesh) {
         let built = builder.texture(texture.target, texture::Role::REFLECTANCE);
         description.attempt(texture.target, built)?;
     }
-    let shapes = scene.children(Kind::Shape);
-    within(
-        scene.place(),
-        "number of shapes",
-        shapes.len() as u64,
-        builder.loader.limits.shapes,
-    )?;
-    for shape in shapes {
-        let built = builder.shape(shape.target);
+    for shape in scene.children(Kind::Shape) {
+        let built = builder.placed_shape(shape.target, None);
         description.attempt(shape.target, built)?;
     }
+    builder.check_groups();
     for emitter in scene.children(Kind::Emitter) {
         let built = builder.emitter(emitter.target);
         description.attempt(emitter.target, built)?;
@@ -87,16 +89,35 @@ fn missing(place: &Place, what: &str) -> SceneError {
     }
 }
 
+/// Numbers that a scene's limit of shapes bounds, each for itself.
+#[derive(Clone, Copy, Debug, Default)]
+struct ShapeCounts {
+    shapes: u64,
+    instances: u64,
+}
+
 /// What has been built so far.
 struct Builder<'b, 'f> {
     description: &'b Description,
     loader: &'b mut Loader<'f>,
     shapes: Vec<Shape>,
     bindings: Vec<ShapeBinding>,
+    /// Shapes and instances so far, those within groups counted once.
+    counts: ShapeCounts,
+    /// Groups of shapes, by the object that describes them; `None` before an instance places one.
+    groups: BTreeMap<ObjectId, Option<Rc<BuiltGroup>>>,
+    /// The bindings of all shapes within groups, in their order.
+    group_bindings: Vec<ShapeBinding>,
+    /// The group that was built last, behind which the next one is numbered.
+    last_group: Option<Arc<ShapeGroup>>,
+    /// Whether the shapes that are built belong to a group.
+    within_group: bool,
     materials: Vec<Material>,
     /// Lights with their places.
     lights: Vec<(Light, Place)>,
     motion: Motion,
+    /// The attributes of the mesh whose material is built.
+    attributes: MeshAttributes,
     /// Materials that were built, by the object that describes them.
     material_of: BTreeMap<ObjectId, u32>,
     /// The material of shapes that name none.
@@ -119,9 +140,15 @@ impl<'b, 'f> Builder<'b, 'f> {
             loader,
             shapes: Vec::new(),
             bindings: Vec::new(),
+            counts: ShapeCounts::default(),
+            groups: BTreeMap::new(),
+            group_bindings: Vec::new(),
+            last_group: None,
+            within_group: false,
             materials: Vec::new(),
             lights: Vec::new(),
             motion: Motion::default(),
+            attributes: MeshAttributes::default(),
             material_of: BTreeMap::new(),
             default_material: None,
             building: Vec::new(),
@@ -231,7 +258,7 @@ impl<'b, 'f> Builder<'b, 'f> {
         let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
         Ok(Scene {
             geometry,
-            bindings: self.bindings.into(),
+            bindings: self.bindings.into_iter().chain(self.group_bindings).collect(),
             materials: self.materials.into(),
             lights,
             sensor,

@@ -72,7 +72,8 @@ impl Builder<'_, '_> {
                 odd: self.colour_or(&reader, "color1", role, 0.2)?,
                 to_uv: uv_transform(&reader)?,
             },
-            "gridtexture" | "mesh_attribute" | "vertexcolors" | "volume" | "wireframe" | "curvature" => {
+            "mesh_attribute" | "vertexcolors" => self.mesh_attribute(&reader, role)?,
+            "gridtexture" | "volume" | "wireframe" | "curvature" => {
                 let without = "this type does not exist yet: an even grey of 0.5 stands in for it";
                 reader.warn(reader.place(), without);
                 reader.accept_rest();

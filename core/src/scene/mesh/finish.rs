@@ -1,6 +1,6 @@
 //! From a mesh as its file gives it to triangles in the world.
 
-use super::RawMesh;
+use super::{RawAttribute, RawMesh};
 use crate::geometry::TriangleMesh;
 use crate::math::{DVec3, Transform, Vec3};
 
@@ -11,13 +11,13 @@ pub(crate) const LARGEST_COORDINATE: f32 = 1e9;
 ///
 /// Vertices without a normal get the mean of the adjacent triangles' normals, weighted by the angle at the vertex
 /// (Thürmer and Wüthrich 1998). Vertex normals decide which side is the outer one; without them the winding does,
-/// as it is in the world. Triangles without area are left out. Errors say what is wrong with the mesh.
+/// as it is in the world. Triangles without area are left out. The attributes come back beside the mesh. Errors say what is wrong with the mesh.
 pub(crate) fn finish(
     raw: RawMesh,
     to_world: &Transform,
     face_normals: bool,
     flip_normals: bool,
-) -> Result<TriangleMesh, String> {
+) -> Result<(TriangleMesh, Vec<RawAttribute>), String> {
     let positions: Vec<Vec3> = raw.positions.iter().map(|p| to_world.point(*p)).collect();
     let too_far = |p: &Vec3| !p.is_finite() || p.abs().max_element() > LARGEST_COORDINATE;
     if let Some(vertex) = positions.iter().position(too_far) {
@@ -26,11 +26,13 @@ pub(crate) fn finish(
             "vertex {vertex} lies at {p} in the world; coordinates reach to {LARGEST_COORDINATE:e}"
         ));
     }
-    let mut triangles = raw.triangles;
-    triangles.retain(|triangle| {
-        let area = area_vector(&positions, triangle).length_squared();
-        area >= f32::MIN_POSITIVE
-    });
+    let (mut triangles, mut attributes) = (raw.triangles, raw.attributes);
+    let has_area = |triangle: &[u32; 3]| area_vector(&positions, triangle).length_squared() >= f32::MIN_POSITIVE;
+    for attribute in attributes.iter_mut().filter(|attribute| attribute.of_faces) {
+        let mut kept = triangles.iter().map(has_area);
+        attribute.values.retain(|_| kept.next() == Some(true));
+    }
+    triangles.retain(has_area);
     if triangles.is_empty() {
         return Err("the mesh has no triangle with an area".into());
     }
@@ -60,12 +62,13 @@ pub(crate) fn finish(
             triangle.swap(1, 2);
         }
     }
-    Ok(TriangleMesh {
+    let mesh = TriangleMesh {
         positions,
         normals,
         uvs: raw.uvs,
         triangles,
-    })
+    };
+    Ok((mesh, attributes))
 }
 
 /// The normal of a triangle, twice its area long.
@@ -103,6 +106,7 @@ mod tests {
             normals: normal.map_or(Vec::new(), |normal| vec![normal; 3]),
             uvs: vec![Vec2::ZERO; 3],
             triangles: vec![[0, 1, 2]],
+            ..RawMesh::default()
         }
     }
 
@@ -128,7 +132,7 @@ mod tests {
             (Some(-Vec3::Z), mirror, false, false, -1.0),
             (Some(-Vec3::Z), mirror, true, false, -1.0),
         ] {
-            let mesh = finish(triangle(normal), &to_world, face_normals, flip).unwrap();
+            let (mesh, _) = finish(triangle(normal), &to_world, face_normals, flip).unwrap();
             assert_eq!(outer(&mesh).z, z, "{normal:?} {face_normals} {flip}");
             assert!(mesh.normals.is_empty() == face_normals);
             assert!(mesh.normals.iter().all(|n| n.z == z));
@@ -145,7 +149,7 @@ mod tests {
             triangles,
             ..RawMesh::default()
         };
-        let mesh = finish(raw, &Transform::default(), false, false).unwrap();
+        let (mesh, _) = finish(raw, &Transform::default(), false, false).unwrap();
         let expected = (Vec3::Z - Vec3::X).normalize();
         assert!((mesh.normals[0] - expected).length() < 1e-6, "{}", mesh.normals[0]);
     }
@@ -158,6 +162,7 @@ mod tests {
         assert_eq!(
             finish(raw.clone(), &Transform::default(), false, false)
                 .unwrap()
+                .0
                 .triangles
                 .len(),
             1

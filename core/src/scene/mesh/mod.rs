@@ -1,15 +1,17 @@
-//! Triangle meshes: readers of OBJ, PLY and Mitsuba's `.serialized`, and what is common to them.
+//! Triangle meshes: readers of OBJ, PLY, Mitsuba's `.serialized` and files of curves, and what is common to them.
 //!
 //! The readers are our own. The `tobj` crate reports neither lines nor limits and keeps several meshes apart that one
 //! `<shape>` holds together; `ply-rs-bw` stores each vertex as a map of its properties. Both read untrusted counts, and
 //! Mitsuba's rules for shared vertices and polygons matter for the picture (smooth normals hang on them).
 
+pub(crate) mod curves;
 mod finish;
 mod obj;
 mod ply;
 pub(crate) mod primitives;
 mod serialized;
 
+pub(crate) use curves::{CurveKind, Tubes};
 pub(crate) use finish::{LARGEST_COORDINATE, finish};
 
 use super::error::{Place, SceneError, within};
@@ -17,6 +19,7 @@ use super::faults::FileFaults;
 use super::limits::Limits;
 use super::loader::LoadedFile;
 use crate::math::{Vec2, Vec3};
+use crate::spectrum::Spectrum;
 
 /// A mesh in its own space, as its file gives it. All numbers are finite and all indices in range.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,6 +30,19 @@ pub(crate) struct RawMesh {
     /// One for each position, or empty.
     pub(crate) uvs: Vec<Vec2>,
     pub(crate) triangles: Vec<[u32; 3]>,
+    /// What the file says of its vertices or triangles besides, so far as it is asked for.
+    pub(crate) attributes: Vec<RawAttribute>,
+}
+
+/// A named value of each vertex or triangle, such as a colour.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct RawAttribute {
+    /// As Mitsuba has it: `vertex_` or `face_`, then the name, which is `color` for `r`, `g` and `b`.
+    pub(crate) name: String,
+    /// Whether there is a value for each triangle, and not for each position.
+    pub(crate) of_faces: bool,
+    /// Finite values, in linear colour.
+    pub(crate) values: Vec<Spectrum>,
 }
 
 /// A mesh file with what it may hold.
@@ -36,6 +52,8 @@ pub(crate) struct MeshFile<'a> {
     limits: &'a Limits,
     /// What was read before for the scene.
     before: MeshTotals,
+    /// Names of the attributes that are asked for.
+    pub(crate) attributes: Vec<String>,
 }
 
 /// What the meshes of a scene hold together.
@@ -53,7 +71,12 @@ impl<'a> MeshFile<'a> {
             bytes: &file.bytes,
             limits,
             before,
+            attributes: Vec::new(),
         }
+    }
+
+    fn asks_for(&self, attribute: &str) -> bool {
+        self.attributes.iter().any(|name| name == attribute)
     }
 
     /// An error at `line`; 0 where the format has no lines.
@@ -118,6 +141,14 @@ impl<'a> MeshFile<'a> {
     /// Reads mesh number `index` of a Mitsuba `.serialized` file, and whether it asks for face normals.
     pub(crate) fn serialized(&self, index: u32, flip_v: bool) -> Result<(RawMesh, bool), Vec<SceneError>> {
         self.read(|faults| serialized::read(self, index, flip_v, faults))
+    }
+
+    /// Reads a file of curves.
+    pub(crate) fn curves(&self, kind: CurveKind) -> Result<Tubes, Vec<SceneError>> {
+        self.read(|faults| {
+            self.charge()?;
+            curves::read(self, kind, faults)
+        })
     }
 
     /// What `reader` reads. It notes the faults after which it can go on, and returns one that ends the reading.

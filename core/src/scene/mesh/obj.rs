@@ -1,11 +1,13 @@
-//! Wavefront OBJ: `v`, `vt`, `vn` and `f`. Polygons become fans; groups, smoothing groups and materials are ignored.
+//! Wavefront OBJ: `v` (with red, green and blue behind the position, as sRGB values), `vt`, `vn` and `f`. Polygons become fans; groups, smoothing groups and materials are ignored.
 //! Of each line the first fault is told.
 
-use super::{MeshFile, RawMesh};
+use super::{MeshFile, RawAttribute, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::{SceneError, nearest, shortened};
 use crate::scene::faults::FileFaults;
+use crate::scene::image::srgb_to_linear;
 use crate::scene::text;
+use crate::spectrum::Spectrum;
 use std::collections::HashMap;
 
 /// Statements that do not change the triangles.
@@ -28,6 +30,9 @@ const IGNORED: [&str; 16] = [
     "shadow_obj",
 ];
 
+/// The attribute that the colours of vertices are.
+const COLOUR: &str = "vertex_color";
+
 /// Indices of position, texture coordinates and normal (counted from 0; `None` where left out).
 type Corner = (u32, Option<u32>, Option<u32>);
 
@@ -39,10 +44,15 @@ struct ObjReader {
     corners: Vec<Corner>,
     ids: HashMap<Corner, u32>,
     triangles: Vec<[u32; 3]>,
+    /// A colour for each position, where colours are asked for.
+    colours: Option<Vec<Spectrum>>,
 }
 
 pub(super) fn read(file: &MeshFile, flip_v: bool, faults: &mut FileFaults) -> Result<RawMesh, SceneError> {
-    let mut reader = ObjReader::default();
+    let mut reader = ObjReader {
+        colours: file.asks_for(COLOUR).then(Vec::new),
+        ..ObjReader::default()
+    };
     for (number, line) in text::lines(file.bytes) {
         let hash = line.iter().position(|byte| *byte == b'#').unwrap_or(line.len());
         let line = line[..hash].trim_ascii();
@@ -99,7 +109,8 @@ impl ObjReader {
                 let position = statement.numbers();
                 self.positions
                     .push(Vec3::from_array(position.clone().unwrap_or_default()));
-                position.map(|_| ())
+                position?;
+                self.colour(statement)
             }
             "vn" => {
                 // A normal without direction is a missing one.
@@ -127,6 +138,21 @@ impl ObjReader {
                 ))
             }
         }
+    }
+
+    /// The colour behind a position, where colours are asked for; a single number there is a weight. Vertices without one are white.
+    fn colour(&mut self, mut statement: Statement) -> Result<(), String> {
+        let Some(colours) = &mut self.colours else {
+            return Ok(());
+        };
+        let mut colour = Ok([1.0; 3]);
+        if statement.words.clone().count() >= 3 {
+            colour = statement.numbers();
+        }
+        let decoded = colour.clone().unwrap_or_default().map(srgb_to_linear);
+        colours.resize(self.positions.len() - 1, Spectrum::ONE);
+        colours.push(Spectrum::from_rgb(decoded));
+        colour.map(|_| ())
     }
 
     fn face<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Result<(), String> {
@@ -165,7 +191,15 @@ impl ObjReader {
         Ok(id)
     }
 
-    fn finish(self) -> RawMesh {
+    fn finish(mut self) -> RawMesh {
+        let attributes = self.colours.take().map(|mut colours| {
+            colours.resize(self.positions.len(), Spectrum::ONE);
+            RawAttribute {
+                name: COLOUR.to_owned(),
+                of_faces: false,
+                values: self.corners.iter().map(|corner| colours[corner.0 as usize]).collect(),
+            }
+        });
         let uv = |corner: &Corner| corner.1.map_or(Vec2::ZERO, |i| self.uvs[i as usize]);
         let normal = |corner: &Corner| corner.2.map_or(Vec3::ZERO, |i| self.normals[i as usize]);
         let has_uvs = self.corners.iter().any(|corner| corner.1.is_some());
@@ -187,6 +221,7 @@ impl ObjReader {
                 Vec::new()
             },
             triangles: self.triangles,
+            attributes: attributes.into_iter().collect(),
         }
     }
 }

@@ -1,11 +1,14 @@
 //! PLY, in text and both binary byte orders: `vertex` with `x y z`, `nx ny nz`, `u v` (or `s t`), and `face` with
-//! `vertex_indices` (or `vertex_index`). Polygons become fans; other elements and properties are skipped.
+//! `vertex_indices` (or `vertex_index`). Polygons become fans. Attributes of vertices and faces that are asked for have Mitsuba's names;
+//! other elements and properties are skipped.
 
-use super::{MeshFile, RawMesh};
+use super::{MeshFile, RawAttribute, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
 use crate::scene::faults::FileFaults;
+use crate::scene::image::srgb_to_linear;
 use crate::scene::text;
+use crate::spectrum::Spectrum;
 use std::collections::BTreeSet;
 
 /// The longest header.
@@ -379,6 +382,86 @@ fn columns<const N: usize>(element: &Element, names: [&str; N]) -> Option<[usize
     Some(found)
 }
 
+/// An attribute among the properties of an element.
+struct Attribute {
+    name: String,
+    /// One column, or three.
+    columns: Vec<usize>,
+    scalar: Scalar,
+    /// Whether it is a colour.
+    colour: bool,
+}
+
+impl Attribute {
+    /// The value in a row. Integers are parts of the largest of their type; as colours they are sRGB values.
+    fn value(&self, row: &[f32]) -> Spectrum {
+        let largest = match self.scalar {
+            Scalar::I8 => f32::from(i8::MAX),
+            Scalar::U8 => f32::from(u8::MAX),
+            Scalar::I16 => f32::from(i16::MAX),
+            Scalar::U16 => f32::from(u16::MAX),
+            Scalar::I32 => i32::MAX as f32,
+            Scalar::U32 => u32::MAX as f32,
+            Scalar::F32 | Scalar::F64 => 1.0,
+        };
+        let encoded = self.colour && largest != 1.0;
+        let channel = |index: usize| {
+            let value = row[self.columns[index.min(self.columns.len() - 1)]] / largest;
+            if encoded { srgb_to_linear(value) } else { value }
+        };
+        Spectrum::from_rgb([channel(0), channel(1), channel(2)])
+    }
+}
+
+/// The attributes of an element that are asked for, by Mitsuba's rules: `r g b` or `red green blue` are `color`; `NAME_x NAME_y NAME_z` are
+/// `NAME`, and so are names that end in `0 1 2` or `1 2 3`; `NAME_r NAME_g NAME_b` are `NAME_color`. The first of three may stand alone.
+fn attributes(file: &MeshFile, element: &Element, prefix: &str) -> Vec<Attribute> {
+    let mut found = Vec::new();
+    let mut add = |name: String, columns: Vec<usize>, colour: bool| {
+        let scalar = element.properties[columns[0]].scalar;
+        let name = format!("{prefix}{name}");
+        if file.asks_for(&name) {
+            found.push(Attribute {
+                name,
+                columns,
+                scalar,
+                colour,
+            });
+        }
+    };
+    if let Some(rgb) = columns(element, ["r", "g", "b"]).or_else(|| columns(element, ["red", "green", "blue"])) {
+        add("color".to_owned(), rgb.to_vec(), true);
+    }
+    for property in &element.properties {
+        let Some((name, first)) = property.name.rsplit_once('_') else {
+            continue;
+        };
+        let after_0 = columns(element, [&format!("{name}_0")]).is_some();
+        let ends = match first {
+            "x" => ["x", "y", "z"],
+            "r" => ["r", "g", "b"],
+            "0" => ["0", "1", "2"],
+            "1" if !after_0 => ["1", "2", "3"],
+            _ => continue,
+        };
+        let [a, b, c] = ends.map(|end| format!("{name}_{end}"));
+        let colour = first == "r";
+        let name = if colour {
+            format!("{name}_color")
+        } else {
+            name.to_owned()
+        };
+        if let Some(three) = columns(element, [&a, &b, &c]) {
+            add(name, three.to_vec(), colour);
+        } else if columns(element, [&b]).is_none()
+            && let Some(one) = columns(element, [&a])
+        {
+            add(name, one.to_vec(), colour);
+        }
+    }
+    found
+}
+
 fn vertices(body: &mut Body, element: &Element, flip_v: bool, mesh: &mut RawMesh) -> Result<(), SceneError> {
     if !mesh.positions.is_empty() {
         return Err(body.broken("two elements are named `vertex`"));
@@ -391,10 +474,13 @@ fn vertices(body: &mut Body, element: &Element, flip_v: bool, mesh: &mut RawMesh
     mesh.positions.reserve_exact(count);
     mesh.normals.reserve_exact(if normal.is_some() { count } else { 0 });
     mesh.uvs.reserve_exact(if uv.is_some() { count } else { 0 });
+    let asked = attributes(body.file, element, "vertex_");
+    let mut values = vec![Vec::new(); asked.len()];
     let mut row = vec![0.0_f32; element.properties.len()];
     for index in 0..count {
         let used = |column: usize| {
             place.contains(&column)
+                || asked.iter().any(|attribute| attribute.columns.contains(&column))
                 || normal.is_some_and(|n| n.contains(&column))
                 || uv.is_some_and(|uv| uv.contains(&column))
         };
@@ -417,8 +503,22 @@ fn vertices(body: &mut Body, element: &Element, flip_v: bool, mesh: &mut RawMesh
             mesh.uvs
                 .push(Vec2::new(row[u], if flip_v { 1.0 - row[v] } else { row[v] }));
         }
+        for (values, attribute) in values.iter_mut().zip(&asked) {
+            values.push(attribute.value(&row));
+        }
     }
+    keep(mesh, asked, values, false);
     Ok(())
+}
+
+/// Keeps the values of attributes with their names.
+fn keep(mesh: &mut RawMesh, asked: Vec<Attribute>, values: Vec<Vec<Spectrum>>, of_faces: bool) {
+    let named = asked.into_iter().zip(values).map(|(attribute, values)| RawAttribute {
+        name: attribute.name,
+        of_faces,
+        values,
+    });
+    mesh.attributes.extend(named);
 }
 
 fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), SceneError> {
@@ -427,9 +527,21 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
         property.length.is_some() && ["vertex_indices", "vertex_index"].contains(&property.name.as_str())
     });
     let list = list.ok_or_else(|| body.broken("faces have no list `vertex_indices`"))?;
+    let asked = attributes(body.file, element, "face_");
+    let mut values = vec![Vec::new(); asked.len()];
+    let mut row = vec![0.0_f32; element.properties.len()];
     let mut polygon: Vec<u32> = Vec::new();
     for index in 0..element.count {
         polygon.clear();
+        let value = |column: usize, number: f64| {
+            row[column] = number as f32;
+            let used = asked.iter().any(|attribute| attribute.columns.contains(&column));
+            if used && !row[column].is_finite() {
+                let name = &element.properties[column].name;
+                return Err(format!("face {index}: `{name}` is {number}, not a finite number"));
+            }
+            Ok(())
+        };
         let store = |column: usize, number: f64| {
             if column == list {
                 // A broken corner counts as one, so that no other fault follows from it.
@@ -441,7 +553,7 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
             }
             Ok(())
         };
-        body.record(element, |_, _| Ok(()), store)?;
+        body.record(element, value, store)?;
         if polygon.len() < 3 {
             let reason = format!("face {index} has {} corners; 3 or more are needed", polygon.len());
             body.note(Err(reason))?;
@@ -451,7 +563,11 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
             .check_triangles((mesh.triangles.len() + polygon.len()) as u64)?;
         mesh.triangles
             .extend(polygon[1..].windows(2).map(|pair| [polygon[0], pair[0], pair[1]]));
+        for (values, attribute) in values.iter_mut().zip(&asked) {
+            values.resize(mesh.triangles.len(), attribute.value(&row));
+        }
     }
+    keep(mesh, asked, values, true);
     Ok(())
 }
 

@@ -1,7 +1,7 @@
-//! Rectangle and cube as meshes, with the corners, texture coordinates and outer sides of Mitsuba's shapes.
+//! Rectangle, cube, sphere and cylinder as meshes, with the corners, texture coordinates and outer sides of Mitsuba's shapes.
 
 use super::RawMesh;
-use crate::math::{Vec2, Vec3};
+use crate::math::{PI, TAU, Vec2, Vec3, sin_cos};
 
 /// The square [-1, 1]^2 in the plane z = 0, facing +z; its texture coordinates run with x and y.
 pub(crate) fn rectangle() -> RawMesh {
@@ -11,6 +11,7 @@ pub(crate) fn rectangle() -> RawMesh {
         normals: vec![Vec3::Z; 4],
         uvs: uvs.to_vec(),
         triangles: vec![[0, 1, 2], [2, 3, 0]],
+        ..RawMesh::default()
     }
 }
 
@@ -36,6 +37,49 @@ pub(crate) fn cube() -> RawMesh {
         }
         mesh.triangles
             .extend([[first, first + 1, first + 2], [first + 3, first, first + 2]]);
+    }
+    mesh
+}
+
+/// Columns of a sphere and of a cylinder, and rows of a sphere.
+const ROUND: [u32; 2] = [128, 64];
+
+/// The unit sphere about the origin with its poles on the z axis, facing outwards.
+pub(crate) fn sphere() -> RawMesh {
+    let [columns, rows] = ROUND;
+    grid([columns, rows], |uv| {
+        let ((sin_phi, cos_phi), (sin_theta, cos_theta)) = (sin_cos(TAU * uv.x), sin_cos(PI * uv.y));
+        let outward = Vec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta);
+        (outward, outward)
+    })
+}
+
+/// The mantle of the cylinder of radius 1 about the z axis from z = 0 to 1, facing outwards.
+pub(crate) fn cylinder() -> RawMesh {
+    grid([ROUND[0], 1], |uv| {
+        let (sin_phi, cos_phi) = sin_cos(TAU * uv.x);
+        let outward = Vec3::new(cos_phi, sin_phi, 0.0);
+        (outward.with_z(uv.y), outward)
+    })
+}
+
+/// A grid of columns and rows over the texture coordinates, at each of which `point` gives position and normal.
+fn grid([columns, rows]: [u32; 2], point: impl Fn(Vec2) -> (Vec3, Vec3)) -> RawMesh {
+    let mut mesh = RawMesh::default();
+    for row in 0..=rows {
+        for column in 0..=columns {
+            let uv = Vec2::new(column as f32 / columns as f32, row as f32 / rows as f32);
+            let (position, normal) = point(uv);
+            mesh.positions.push(position);
+            mesh.normals.push(normal);
+            mesh.uvs.push(uv);
+            if row < rows && column < columns {
+                let corner = row * (columns + 1) + column;
+                let below = corner + columns + 1;
+                mesh.triangles
+                    .extend([[corner, corner + 1, below + 1], [corner, below + 1, below]]);
+            }
+        }
     }
     mesh
 }

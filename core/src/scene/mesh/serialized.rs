@@ -4,10 +4,11 @@
 //! counts and arrays. A table at the end gives their offsets (64-bit, in version 3 32-bit) and their number (32-bit).
 //! All is little-endian. Arrays are decompressed piece by piece, so that memory grows only with data that is there.
 
-use super::{MeshFile, RawMesh};
+use super::{MeshFile, RawAttribute, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
 use crate::scene::faults::FileFaults;
+use crate::spectrum::Spectrum;
 use flate2::bufread::ZlibDecoder;
 use std::io::Read;
 
@@ -59,7 +60,15 @@ pub(super) fn read(
             .collect();
     }
     if flags & HAS_COLOURS != 0 {
-        stream.floats(count * 3, double, "colour")?;
+        let colours = stream.floats(count * 3, double, "colour")?;
+        if file.asks_for("vertex_color") {
+            let colours = colours.chunks_exact(3);
+            mesh.attributes.push(RawAttribute {
+                name: "vertex_color".to_owned(),
+                of_faces: false,
+                values: colours.map(|c| Spectrum::from_rgb([c[0], c[1], c[2]])).collect(),
+            });
+        }
     }
     mesh.triangles = stream.triangles(triangles as usize, vertices)?;
     Ok((mesh, flags & FACE_NORMALS != 0))
