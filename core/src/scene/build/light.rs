@@ -109,7 +109,7 @@ impl Builder<'_, '_> {
         let image = self.colour_or_texture(reader, "irradiance", Role::EMISSION, 1.0)?;
         let aspect = match &image {
             Texture::Bitmap(bitmap, _) => bitmap.width as f32 / bitmap.height as f32,
-            Texture::Constant(_) | Texture::Checkerboard { .. } => 1.0,
+            Texture::Constant(_) | Texture::Checkerboard { .. } | Texture::Attribute(_) => 1.0,
         };
         let fov_x = horizontal_field_of_view(reader, aspect.into())? as f32;
         Ok(Light::Projector {
