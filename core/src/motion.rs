@@ -81,6 +81,7 @@ impl Scene {
         Self {
             lights: self.lights.moved(&geometry, moved_lights),
             geometry,
+            hide_emitters: self.hide_emitters,
             bindings: Arc::clone(&self.bindings),
             materials: Arc::clone(&self.materials),
             sensor: Sensor {

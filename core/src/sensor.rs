@@ -1,7 +1,8 @@
 //! Cameras.
 use crate::geometry::Ray;
-use crate::math::warp::square_to_disk;
-use crate::math::{FRAC_1_PI, PI, Transform, Vec2, Vec3, atan2, sqr, tan};
+use crate::math::warp::{square_to_cosine_hemisphere, square_to_disk};
+use crate::math::{FRAC_1_PI, Frame, PI, TAU, Transform, Vec2, Vec3, atan2, sin_cos, sqr, tan};
+use glam::{DMat4, DVec3};
 
 /// A camera, as validated data. It looks along its local +z with +x to the left of the image (Mitsuba's convention).
 #[derive(Clone, Debug)]
@@ -30,6 +31,15 @@ pub enum Projection {
     },
     /// Parallel rays. The image spans [-1, 1] in local x and the same scale in local y; `to_world` gives its size.
     Orthographic,
+    /// Rays in all directions from one point: longitude across and latitude down, the upper edge is local +y, as in an image of
+    /// Mitsuba's `envmap`.
+    Spherical,
+    /// Rays from everywhere on the square [-1, 1]^2 of the local plane z = 0, by the cosine about its normal: a pixel is the part of the
+    /// square that it has of the image, and its value, times pi, the irradiance there.
+    Irradiance {
+        /// Whether the normal is local -z.
+        flipped: bool,
+    },
 }
 
 /// A thin lens.
@@ -130,7 +140,91 @@ impl Sensor {
                     max_distance: self.clip[1] - self.clip[0],
                 }
             }
+            Projection::Spherical => {
+                let (sin_phi, cos_phi) = sin_cos(TAU * at.x);
+                let (sin_theta, cos_theta) = sin_cos(PI * at.y);
+                let local = Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi);
+                let direction = self.to_world.vector(local).normalize();
+                Ray {
+                    origin: self.to_world.point(Vec3::ZERO) + self.clip[0] * direction,
+                    direction,
+                    max_distance: self.clip[1] - self.clip[0],
+                }
+            }
+            Projection::Irradiance { flipped } => {
+                let normal = self.plane_normal(flipped);
+                let direction = Frame::from_normal(normal)
+                    .to_world(square_to_cosine_hemisphere(u))
+                    .normalize();
+                let place = self.to_world.point((2.0 * at - Vec2::ONE).extend(0.0));
+                // Off the surface that lies there, as far as its points are rounded.
+                let rounding = 64.0 * f32::EPSILON * (place.abs().max_element() + self.plane_radius());
+                Ray {
+                    origin: place + rounding * normal,
+                    direction,
+                    max_distance: f32::INFINITY,
+                }
+            }
         }
+    }
+
+    /// The factor that turns the mean over a pixel's rays into what the sensor measures: 1 for a camera, which measures radiance.
+    #[must_use]
+    pub fn response(&self) -> f32 {
+        match self.projection {
+            Projection::Irradiance { .. } => PI,
+            Projection::Perspective { .. } | Projection::Orthographic | Projection::Spherical => 1.0,
+        }
+    }
+
+    /// The camera whose image is the window of `size` pixels at `offset` of this one's, which must be a camera for a plane image.
+    #[must_use]
+    pub fn cropped(&self, offset: [u32; 2], size: [u32; 2]) -> Self {
+        let [whole, at, part] = [self.resolution, offset, size].map(|pixels| Vec2::from(pixels.map(|n| n as f32)));
+        let (projection, to_world) = match self.projection {
+            // Image position s in fractions of the film lies at slope * (1 - 2 (s + principal_point)) on the plane before the camera.
+            Projection::Perspective {
+                fov_x,
+                principal_point,
+                lens,
+            } => {
+                let slope = tan(0.5 * fov_x) * part.x / whole.x;
+                let corner = whole / part * (Vec2::ONE - 2.0 * at / whole - 2.0 * principal_point);
+                let narrowed = Projection::Perspective {
+                    fov_x: 2.0 * atan2(slope, 1.0),
+                    principal_point: 0.5 * (Vec2::ONE - corner),
+                    lens,
+                };
+                (narrowed, self.to_world)
+            }
+            Projection::Orthographic => {
+                let middle = on_image_plane((at + 0.5 * part) / whole, whole.y / whole.x);
+                (self.projection, self.to_world.after(&window(middle, part.x / whole.x)))
+            }
+            other @ (Projection::Spherical | Projection::Irradiance { .. }) => (other, self.to_world),
+        };
+        Self {
+            to_world,
+            projection,
+            resolution: size,
+            clip: self.clip,
+        }
+    }
+
+    /// The normal of the square of an irradiance meter.
+    fn plane_normal(&self, flipped: bool) -> Vec3 {
+        let normal = self.to_world.normal(Vec3::Z);
+        if flipped { -normal } else { normal }
+    }
+
+    /// Distance of the corners of that square from its middle, at most [scene units].
+    fn plane_radius(&self) -> f32 {
+        self.to_world.vector(Vec3::X).length() + self.to_world.vector(Vec3::Y).length()
+    }
+
+    /// Number of pixels.
+    fn pixels(&self) -> f32 {
+        self.resolution[0] as f32 * self.resolution[1] as f32
     }
 
     /// The ray through the point `through` of the plane at distance one, in focus or not.
@@ -171,6 +265,29 @@ impl Sensor {
                 parallel: true,
                 clipped: 0.0,
             },
+            Projection::Spherical => {
+                let up = self.to_world.vector(Vec3::Y).normalize();
+                // The sine of the angle from the pole; of the poles themselves no pixel is the middle.
+                let sine = up.cross(ray.direction).length().max(f32::MIN_POSITIVE);
+                SensorPdf {
+                    pdf: self.pixels() / (2.0 * PI * PI * sine),
+                    cos: 1.0,
+                    pdf_lens: None,
+                    parallel: false,
+                    clipped: self.clip[0],
+                }
+            }
+            Projection::Irradiance { flipped } => {
+                let cos = ray.direction.dot(self.plane_normal(flipped)).max(0.0);
+                SensorPdf {
+                    // Of one pixel's rays all start on its part of the square: there they are denser than over the whole square.
+                    pdf: self.pixels() * cos * FRAC_1_PI,
+                    cos,
+                    pdf_lens: None,
+                    parallel: false,
+                    clipped: 0.0,
+                }
+            }
         }
     }
 
@@ -185,6 +302,8 @@ impl Sensor {
     pub fn sample_we(&self, position: Vec3, u: Vec2) -> Option<SensorSample> {
         let local = self.to_world.inverted().point(position);
         match self.projection {
+            Projection::Spherical => self.sample_spherical(position, local),
+            Projection::Irradiance { .. } => self.sample_plane(position, u),
             Projection::Perspective { lens, .. } => {
                 let on_lens = lens.map_or(Vec3::ZERO, |lens| (lens.radius * square_to_disk(u)).extend(0.0));
                 let offset = local - on_lens;
@@ -217,6 +336,46 @@ impl Sensor {
                 })
             }
         }
+    }
+
+    /// As [`Self::sample_we`], of the camera in the middle of all directions.
+    fn sample_spherical(&self, position: Vec3, local: Vec3) -> Option<SensorSample> {
+        let offset = position - self.to_world.point(Vec3::ZERO);
+        let distance = offset.length();
+        let ray = Ray {
+            origin: position,
+            direction: offset.try_normalize()?,
+            max_distance: distance,
+        };
+        let turn = atan2(local.x, -local.z) / TAU;
+        let at = Vec2::new(
+            if turn < 0.0 { turn + 1.0 } else { turn },
+            atan2(Vec2::new(local.x, local.z).length(), local.y) * FRAC_1_PI,
+        );
+        (distance > self.clip[0] && distance < self.clip[1]).then(|| SensorSample {
+            pixel: at * Vec2::from(self.resolution.map(|n| n as f32)),
+            pdf: self.pdf_we(&ray),
+            direction: -ray.direction,
+            distance,
+        })
+    }
+
+    /// As [`Self::sample_we`], of the point `u` of the square that measures irradiance.
+    fn sample_plane(&self, position: Vec3, u: Vec2) -> Option<SensorSample> {
+        let offset = position - self.to_world.point((2.0 * u - Vec2::ONE).extend(0.0));
+        let distance = offset.length();
+        let ray = Ray {
+            origin: position,
+            direction: offset.try_normalize()?,
+            max_distance: distance,
+        };
+        let pdf = self.pdf_we(&ray);
+        (pdf.cos > 0.0).then(|| SensorSample {
+            pixel: u * Vec2::from(self.resolution.map(|n| n as f32)),
+            pdf,
+            direction: -ray.direction,
+            distance,
+        })
     }
 
     /// Where a ray that comes from the scene, or `from_infinity`, and is free up to the distance `free` meets the lens; `None` where it
@@ -266,7 +425,7 @@ impl Sensor {
         let [width, height] = self.resolution.map(|n| n as f32);
         let principal_point = match self.projection {
             Projection::Perspective { principal_point, .. } => principal_point,
-            Projection::Orthographic => Vec2::ZERO,
+            Projection::Orthographic | Projection::Spherical | Projection::Irradiance { .. } => Vec2::ZERO,
         };
         let at = Vec2::new(0.5 * (1.0 - at.x), 0.5 * (1.0 - at.y * width / height)) - principal_point;
         at * Vec2::new(width, height)
@@ -283,6 +442,12 @@ impl Sensor {
                     lens_angle: 0.0,
                 });
             }
+            Projection::Spherical => None,
+            // The square lies within this disc's sphere.
+            Projection::Irradiance { .. } => Some(Lens {
+                radius: self.plane_radius(),
+                focus_distance: f32::INFINITY,
+            }),
         };
         let way = self.to_world.point(Vec3::ZERO) - position;
         let lens_angle = lens.map_or(0.0, |Lens { radius, .. }| {
@@ -309,8 +474,19 @@ impl Sensor {
                 let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| self.to_world.vector(axis));
                 2.0 * x.cross(y).dot(z.normalize()).abs().sqrt() / width
             }
+            // The mean over all directions.
+            Projection::Spherical => distance * (4.0 * PI / self.pixels()).sqrt(),
+            // Every pixel sees a hemisphere.
+            Projection::Irradiance { .. } => distance,
         }
     }
+}
+
+/// Maps the image of an orthographic camera to the part of it about `middle`, in camera coordinates, that is `share` as wide.
+pub(crate) fn window(middle: Vec2, share: f32) -> Transform {
+    let translation = DMat4::from_translation(middle.extend(0.0).as_dvec3());
+    let scale = DMat4::from_scale(DVec3::new(share.into(), share.into(), 1.0));
+    Transform::from_matrix(translation * scale).unwrap_or_default()
 }
 
 /// Camera coordinates of an image position in fractions of the image, for a half width of one.
@@ -376,6 +552,36 @@ mod tests {
         assert!((ray.origin - Vec3::from(origin)).length() < 2e-6, "{ray:?}");
         assert!((ray.direction - Vec3::from(direction)).length() < 2e-6, "{ray:?}");
         assert!((ray.max_distance - max_distance).abs() < 2e-4, "{ray:?}");
+    }
+
+    /// As below, of the camera that looks everywhere, but for the rows at the poles.
+    #[test]
+    fn what_a_ray_of_all_directions_shows_is_seen_at_its_pixel() {
+        let camera = Sensor {
+            projection: Projection::Spherical,
+            ..sensor()
+        };
+        let mut random = PathRandom::new(9, 1, Stream::Camera, 0);
+        for _ in 0..1_000 {
+            let pixel = Vec2::ONE + random.next_2d() * Vec2::new(62.0, 34.0);
+            let (ray, distance) = (camera.ray(pixel, Vec2::ZERO), 0.5 + 20.0 * random.next_1d());
+            let point = ray.origin + distance * ray.direction;
+            let seen = camera.sample_we(point, Vec2::ZERO).expect("the camera sees it");
+            assert!((seen.pixel - pixel).length() < 2e-3, "{} at {pixel}", seen.pixel);
+            assert!((seen.direction + ray.direction).length() < 1e-4);
+            assert!((seen.visible_distance() - distance).abs() < 1e-3);
+            let moved = |offset: Vec2| camera.ray(pixel + offset, Vec2::ZERO).direction;
+            let [x, y] = [Vec2::X, Vec2::Y].map(|axis| moved(0.1 * axis) - moved(-0.1 * axis));
+            let solid_angle = x.cross(y).length() / sqr(0.2);
+            assert!(
+                (solid_angle * seen.pdf.pdf - 1.0).abs() < 0.01,
+                "{pixel}: {solid_angle}, {seen:?}"
+            );
+        }
+        let up = camera.to_world.vector(Vec3::Y);
+        assert!((camera.ray(Vec2::new(20.0, 0.0), Vec2::ZERO).direction - up).length() < 1e-5);
+        let middle = camera.ray(Vec2::new(32.0, 18.0), Vec2::ZERO).direction;
+        assert!((middle - camera.to_world.vector(Vec3::Z)).length() < 1e-5);
     }
 
     /// Points that a camera ray passes are seen at the pixel of the ray, by the same way, with the density that moving the pixel gives.

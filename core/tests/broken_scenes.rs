@@ -217,8 +217,8 @@ fn broken_cameras_and_films_name_their_line() {
         ),
         (
             "Value",
-            "crops are not supported",
-            "<film type='hdrfilm'><integer name='crop_width' value='5'/></film>",
+            "8 is out of range; allowed: 1 to 6",
+            "<film type='hdrfilm'><integer name='width' value='9'/><integer name='crop_offset_x' value='3'/><integer name='crop_width' value='8'/></film>",
         ),
         ("Unknown", "unknown type `bestfilm`", "<film type='bestfilm'/>"),
         (
@@ -241,7 +241,7 @@ fn broken_cameras_and_films_name_their_line() {
         );
     }
     for (plugin, kind, fragment, sensor) in [
-        ("spherical", "Unsupported", "type `spherical`", ""),
+        ("distant", "Unsupported", "type `distant`", ""),
         ("thinlens", "Missing", "aperture_radius", ""),
         (
             "orthographic",

@@ -36,12 +36,16 @@ pub(super) struct CameraPath<'t, 'a> {
 
 impl<'t, 'a> CameraPath<'t, 'a> {
     pub(super) fn new(tracer: &'t mut Tracer<'a>, ray: Ray, random: &'t mut PathRandom, max_edges: u32) -> Self {
+        let found = match tracer.scene.hide_emitters {
+            true => Found::No,
+            false => Found::InFull,
+        };
         Self {
             tracer,
             random,
             walk: Walk::from_camera(ray),
             max_edges,
-            found: Found::InFull,
+            found,
             radiance: Spectrum::ZERO,
         }
     }

@@ -13,6 +13,8 @@ mod light_paths;
 mod path;
 pub mod pcf;
 mod pppm;
+#[cfg(test)]
+mod seen;
 mod sppm;
 #[cfg(test)]
 mod test_scenes;
@@ -311,8 +313,12 @@ pub fn render_next(
         sampling: settings.sampling(),
         batches: Batches::default(),
     };
-    let result = settings.estimator().render(&job, before, observer)?;
+    let mut result = settings.estimator().render(&job, before, observer)?;
     observer.phase(Phase::Done);
+    let response = scene.sensor.response();
+    if response != 1.0 {
+        result.pixels.iter_mut().for_each(|pixel| *pixel *= response);
+    }
     if let Some(bad) = result.pixels.iter().position(|p| !p.is_valid()) {
         let width = scene.film.resolution[0];
         return Err(RenderError::BadPixel {

@@ -1,4 +1,5 @@
-use super::environment::Environment;
+use super::direction_map::DirectionMap;
+use super::sun::Sun;
 use crate::math::warp::square_to_sphere;
 use crate::math::{DVec2, FRAC_1_PI, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
@@ -9,7 +10,9 @@ pub(super) enum Background {
     /// The same radiance from everywhere.
     Constant(Spectrum),
     /// An image.
-    Environment(Box<Environment>),
+    Environment(Box<DirectionMap>),
+    /// A disc.
+    Sun(Sun),
 }
 
 impl Background {
@@ -17,7 +20,8 @@ impl Background {
     pub(super) fn radiance(&self, direction: Vec3) -> Spectrum {
         match self {
             Self::Constant(radiance) => *radiance,
-            Self::Environment(environment) => environment.radiance(direction),
+            Self::Environment(map) => map.value(direction),
+            Self::Sun(sun) => sun.radiance(direction),
         }
     }
 
@@ -25,7 +29,8 @@ impl Background {
     pub(super) fn sample(&self, u: DVec2) -> Option<Vec3> {
         match self {
             Self::Constant(_) => Some(square_to_sphere(to_unit_vec2(u))),
-            Self::Environment(environment) => environment.sample(u),
+            Self::Environment(map) => map.sample(u),
+            Self::Sun(sun) => Some(sun.sample(to_unit_vec2(u))),
         }
     }
 
@@ -33,7 +38,8 @@ impl Background {
     pub(super) fn pdf(&self, direction: Vec3) -> f32 {
         match self {
             Self::Constant(_) => 0.25 * FRAC_1_PI,
-            Self::Environment(environment) => environment.pdf(direction),
+            Self::Environment(map) => map.pdf(direction),
+            Self::Sun(sun) => sun.pdf(direction),
         }
     }
 
@@ -41,7 +47,8 @@ impl Background {
     pub(super) fn mean_luminance(&self) -> f32 {
         match self {
             Self::Constant(radiance) => radiance.luminance(),
-            Self::Environment(environment) => environment.mean_luminance(),
+            Self::Environment(map) => map.mean_luminance(),
+            Self::Sun(sun) => sun.mean_luminance(),
         }
     }
 }

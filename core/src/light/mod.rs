@@ -1,13 +1,18 @@
 //! Lights: evaluation, connections to them, and the start of light paths.
 //!
 //! Area lights emit on the side of [`SurfacePoint::geometric_normal`], and that normal gives the cosine of what they
-//! emit. All lights at infinity that fill directions (constant, environment) are treated as one background: a
+//! emit. All lights at infinity that fill directions (constant, environment, sun) are treated as one background: a
 //! connection to any of them carries their sum, with the density of their mixture.
 
 mod background;
+pub mod daylight;
+mod direction_map;
 mod environment;
+mod equal_area;
+mod goniometric;
 mod projector;
 mod spot;
+mod sun;
 #[cfg(test)]
 mod tests;
 
@@ -17,10 +22,12 @@ use crate::math::{DVec2, Discrete, FRAC_1_PI, Frame, PI, Transform, Vec2, Vec3, 
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, Texture};
 use background::Background;
-use environment::Environment;
+use direction_map::DirectionMap;
+use goniometric::Goniometric;
 use projector::Projector;
 use spot::Spot;
 use std::sync::Arc;
+use sun::Sun;
 
 /// Index of a light in the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +74,7 @@ pub struct EmissionSample {
 pub enum Origin {
     /// On an area light.
     Area(LightId, SurfacePoint),
-    /// At a point: a point light, a spot or a projector.
+    /// At a point: a point light, a spot, a projector or a goniometric light.
     Point,
     /// At infinity, in one direction.
     Directional,
@@ -116,6 +123,19 @@ pub enum Light {
         cutoff_angle: f32,
         /// Angle from the axis up to which intensity is full [radians].
         beam_width: f32,
+        /// Factor on the intensity, which the square about the cone on the plane before the light shows; of a cone below a right angle.
+        texture: Option<Texture>,
+    },
+    /// A point light whose intensity by direction is an image.
+    Goniometric {
+        /// Frame of the image to the world; it moves, turns and mirrors only.
+        to_world: Transform,
+        /// Intensity [W/sr] before scaling; texels are finite and not negative.
+        image: Arc<Bitmap>,
+        /// Where the image has which direction.
+        mapping: Mapping,
+        /// Factor on the image.
+        scale: f32,
     },
     /// Mitsuba's `projector`: an image thrown from a point.
     Projector {
@@ -142,15 +162,36 @@ pub enum Light {
         /// Radiance [W/(m^2 sr)].
         radiance: Spectrum,
     },
-    /// Mitsuba's `envmap`: latitude-longitude image, `to_world` maps its frame (up is +y) to the world.
+    /// Mitsuba's `envmap`: an image at infinity.
     Environment {
         /// Radiance [W/(m^2 sr)] before scaling; texels are finite and not negative.
         image: Arc<Bitmap>,
+        /// Where the image has which direction.
+        mapping: Mapping,
         /// Factor on the image.
         scale: f32,
         /// Frame of the image to the world.
         to_world: Transform,
     },
+    /// A disc at infinity, evenly bright.
+    Sun {
+        /// Unit direction to its middle.
+        towards: Vec3,
+        /// Half the angle that it is seen under [radians], above 0 and below a right angle.
+        half_angle: f32,
+        /// Irradiance on a surface that faces it [W/m^2], for a small disc: radiance times solid angle.
+        irradiance: Spectrum,
+    },
+}
+
+/// How an image shows all directions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mapping {
+    /// Longitude across and latitude down; the upper edge is +y, as in Mitsuba's `envmap`.
+    LatitudeLongitude,
+    /// A square whose texels have equal solid angles; the middle is +z, the right edge's middle +x, the lower edge's +y, as in pbrt-v4
+    /// (Clarberg 2008).
+    EqualArea,
 }
 
 /// Share of the choices among lights that all lights have equal parts of, however weak (a defensive mixture: Hesterberg 1995); the
@@ -177,6 +218,7 @@ enum Source {
     Point { position: Vec3, intensity: Spectrum },
     Spot(Spot),
     Projector(Projector),
+    Goniometric(Box<Goniometric>),
     Directional { direction: Vec3, irradiance: Spectrum },
     Background(Background),
 }
@@ -228,7 +270,17 @@ impl Source {
                 intensity,
                 cutoff_angle,
                 beam_width,
-            } => Self::Spot(Spot::new(&to_world, intensity, cutoff_angle, beam_width)),
+                texture,
+            } => Self::Spot(Spot::new(&to_world, intensity, cutoff_angle, beam_width, texture)),
+            Light::Goniometric {
+                to_world,
+                image,
+                mapping,
+                scale,
+            } => {
+                let intensity = DirectionMap::new(image, mapping, scale, &to_world);
+                Self::Goniometric(Box::new(Goniometric::new(&to_world, intensity)))
+            }
             Light::Projector {
                 to_world,
                 fov_x,
@@ -238,9 +290,19 @@ impl Source {
             } => Self::Projector(Projector::new(&to_world, fov_x, aspect, image, scale)),
             Light::Directional { direction, irradiance } => Self::Directional { direction, irradiance },
             Light::Constant { radiance } => Self::Background(Background::Constant(radiance)),
-            Light::Environment { image, scale, to_world } => Self::Background(Background::Environment(Box::new(
-                Environment::new(image, scale, &to_world),
-            ))),
+            Light::Environment {
+                image,
+                mapping,
+                scale,
+                to_world,
+            } => Self::Background(Background::Environment(Box::new(DirectionMap::new(
+                image, mapping, scale, &to_world,
+            )))),
+            Light::Sun {
+                towards,
+                half_angle,
+                irradiance,
+            } => Self::Background(Background::Sun(Sun::new(towards, half_angle, irradiance))),
         }
     }
 
@@ -257,14 +319,15 @@ impl Source {
             },
             Self::Spot(spot) => Self::Spot(spot.moved(to_world)),
             Self::Projector(projector) => Self::Projector(projector.moved(to_world)),
+            Self::Goniometric(lamp) => Self::Goniometric(Box::new(lamp.moved(to_world))),
             Self::Directional { irradiance, .. } => Self::Directional {
                 direction: to_world.matrix().z_axis.truncate().normalize().as_vec3(),
                 irradiance: *irradiance,
             },
-            Self::Background(Background::Environment(environment)) => {
-                Self::Background(Background::Environment(Box::new(environment.turned(to_world))))
+            Self::Background(Background::Environment(map)) => {
+                Self::Background(Background::Environment(Box::new(map.turned(to_world))))
             }
-            Self::Background(Background::Constant(radiance)) => Self::Background(Background::Constant(*radiance)),
+            Self::Background(Background::Constant(_) | Background::Sun(_)) => self.clone(),
         }
     }
 
@@ -275,6 +338,7 @@ impl Source {
             Self::Point { intensity, .. } => intensity.luminance() * 4.0 * PI,
             Self::Spot(spot) => spot.power(),
             Self::Projector(projector) => projector.power(),
+            Self::Goniometric(lamp) => lamp.power(),
             Self::Directional { irradiance, .. } => irradiance.luminance() * world.cross_section(),
             Self::Background(background) => background.mean_luminance() * 4.0 * PI * world.cross_section(),
         }
@@ -385,6 +449,11 @@ impl Lights {
                     projector.pdf(-wi) * spread,
                 )
             }
+            Source::Goniometric(lamp) => {
+                let (wi, distance) = towards(lamp.position())?;
+                let spread = 1.0 / (distance * distance);
+                delta(wi, distance, lamp.intensity(-wi) * spread, lamp.pdf(-wi) * spread)
+            }
             Source::Directional { direction, irradiance } => {
                 delta(-*direction, f32::INFINITY, *irradiance, per_cross_section)
             }
@@ -487,6 +556,10 @@ impl Lights {
             }
             Source::Projector(projector) => {
                 let (ray, flux, pdf) = projector.emit(direction);
+                at_point(ray, flux, pdf)
+            }
+            Source::Goniometric(lamp) => {
+                let (ray, flux, pdf) = lamp.emit(u_direction)?;
                 at_point(ray, flux, pdf)
             }
             Source::Directional { direction, irradiance } => EmissionSample {

@@ -25,7 +25,7 @@ impl Projector {
         let half_width = tan(0.5 * fov_x);
         Self {
             position: to_world.point(Vec3::ZERO),
-            frame: frame(to_world),
+            frame: axes(to_world),
             half_size: Vec2::new(half_width, half_width / aspect),
             image,
             scale,
@@ -36,7 +36,7 @@ impl Projector {
     pub(super) fn moved(&self, to_world: &Transform) -> Self {
         Self {
             position: to_world.point(Vec3::ZERO),
-            frame: frame(to_world),
+            frame: axes(to_world),
             ..self.clone()
         }
     }
@@ -103,7 +103,7 @@ impl Projector {
 }
 
 /// The directions of the axes; a mirrored frame stays mirrored.
-fn frame(to_world: &Transform) -> Frame {
+pub(super) fn axes(to_world: &Transform) -> Frame {
     let axis = |local: Vec3| to_world.vector(local).normalize();
     Frame {
         s: axis(Vec3::X),

@@ -1,7 +1,9 @@
+use super::projector::axes;
 use crate::geometry::Ray;
 use crate::math::warp::Cone;
-use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2};
+use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2, tan};
 use crate::spectrum::Spectrum;
+use crate::texture::{Texture, TexturePoint};
 
 /// A point light that shines into a cone.
 #[derive(Clone, Debug)]
@@ -13,10 +15,37 @@ pub(super) struct Spot {
     cutoff_angle: f32,
     beam_width: f32,
     cone: Cone,
+    slide: Option<Box<Slide>>,
+}
+
+/// What colours a spot's light: an image on the plane at distance 1, on the square about the cone.
+#[derive(Clone, Debug)]
+struct Slide {
+    /// The light's axes; the image's u runs along +x and its v along +y.
+    axes: Frame,
+    /// Half the side of the square.
+    half_size: f32,
+    texture: Texture,
+}
+
+impl Slide {
+    /// Factor on the light along the unit vector `direction`, which lies within the cone.
+    fn factor(&self, direction: Vec3, position: Vec3) -> Spectrum {
+        let local = self.axes.to_local(direction);
+        let uv = 0.5 * (Vec2::ONE + local.truncate() / (local.z * self.half_size));
+        self.texture.eval(&TexturePoint { uv, position })
+    }
 }
 
 impl Spot {
-    pub(super) fn new(to_world: &Transform, intensity: Spectrum, cutoff_angle: f32, beam_width: f32) -> Self {
+    /// `texture` colours the light of a cone below a right angle.
+    pub(super) fn new(
+        to_world: &Transform,
+        intensity: Spectrum,
+        cutoff_angle: f32,
+        beam_width: f32,
+        texture: Option<Texture>,
+    ) -> Self {
         Self {
             position: to_world.point(Vec3::ZERO),
             frame: Frame::from_normal(to_world.vector(Vec3::Z).normalize()),
@@ -24,12 +53,20 @@ impl Spot {
             cutoff_angle,
             beam_width,
             cone: Cone::of_angle(cutoff_angle),
+            slide: texture.map(|texture| {
+                Box::new(Slide {
+                    axes: axes(to_world),
+                    half_size: tan(cutoff_angle),
+                    texture,
+                })
+            }),
         }
     }
 
     /// The light where `to_world` puts it.
     pub(super) fn moved(&self, to_world: &Transform) -> Self {
-        Self::new(to_world, self.intensity, self.cutoff_angle, self.beam_width)
+        let texture = self.slide.as_ref().map(|slide| slide.texture.clone());
+        Self::new(to_world, self.intensity, self.cutoff_angle, self.beam_width, texture)
     }
 
     /// Solid-angle density of the directions of light paths [1/sr].
@@ -43,7 +80,15 @@ impl Spot {
 
     /// Intensity [W/sr] along the unit vector `direction`.
     pub(super) fn intensity(&self, direction: Vec3) -> Spectrum {
-        self.intensity * self.falloff(self.frame.to_local(direction))
+        self.coloured(self.intensity * self.falloff(self.frame.to_local(direction)), direction)
+    }
+
+    /// What is left of the light along `direction`.
+    fn coloured(&self, light: Spectrum, direction: Vec3) -> Spectrum {
+        match &self.slide {
+            Some(slide) if !light.is_black() => light * slide.factor(direction, self.position),
+            _ => light,
+        }
     }
 
     /// Share of the intensity in a direction in the light's frame. The angle comes from the sine, since the cosine of a narrow
@@ -57,7 +102,7 @@ impl Spot {
         }
     }
 
-    /// Luminance of `2 pi` times the integral of the falloff times the sine.
+    /// Luminance of `2 pi` times the integral of the falloff times the sine; of a texture the mean counts.
     pub(super) fn power(&self) -> f32 {
         let [cutoff, beam] = [self.cutoff_angle, self.beam_width].map(f64::from);
         // (sin c - sin b) / (c - b) = cos((c + b) / 2) sin(h) / h, where h is half the width.
@@ -68,7 +113,8 @@ impl Spot {
             1.0
         };
         let part = 1.0 - libm::cos(0.5 * (cutoff + beam)) * sinc;
-        self.intensity.luminance() * TAU * part as f32
+        let texture = self.slide.as_ref().map_or(Spectrum::ONE, |slide| slide.texture.mean());
+        (self.intensity * texture).luminance() * TAU * part as f32
     }
 
     /// A ray uniform within the cone, and intensity over its density.
@@ -82,7 +128,7 @@ impl Spot {
                 direction,
                 max_distance: f32::INFINITY,
             },
-            flux,
+            self.coloured(flux, direction),
         )
     }
 }

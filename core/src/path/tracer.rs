@@ -24,6 +24,36 @@ impl<'a> Tracer<'a> {
         self.scene.geometry.intersect(ray)
     }
 
+    /// The nearest surface along a ray of the camera, which sees through the shapes of lights where these are hidden.
+    pub(crate) fn intersect_from_camera(&mut self, ray: &Ray) -> Option<SurfacePoint> {
+        let mut point = self.intersect(ray)?;
+        if !self.scene.hide_emitters {
+            return Some(point);
+        }
+        let mut before = 0.0;
+        while self.scene.light_at(&point).is_some() {
+            before += point.distance;
+            let behind = Ray {
+                max_distance: ray.max_distance - before,
+                ..point.ray_towards(ray.direction)
+            };
+            point = self.intersect(&behind)?;
+        }
+        point.distance += before;
+        Some(point)
+    }
+
+    /// As [`Self::transmittance`], of a ray that ends at the camera.
+    pub(crate) fn transmittance_to_camera(&mut self, ray: &Ray) -> Spectrum {
+        if !self.scene.hide_emitters {
+            return self.transmittance(ray);
+        }
+        match self.intersect_from_camera(ray) {
+            Some(_) => Spectrum::ZERO,
+            None => Spectrum::ONE,
+        }
+    }
+
     /// Share of the light along a ray that reaches its end: all or nothing, since every surface hides what is behind it.
     pub(crate) fn transmittance(&mut self, ray: &Ray) -> Spectrum {
         self.rays += 1;

@@ -56,6 +56,9 @@ impl Walk {
     #[inline]
     pub(crate) fn advance(&mut self, tracer: &mut Tracer) -> Option<SurfacePoint> {
         self.edges += 1;
+        if self.edges == 1 && self.mode == TransportMode::Radiance {
+            return tracer.intersect_from_camera(&self.ray);
+        }
         tracer.intersect(&self.ray)
     }
 

@@ -4,8 +4,10 @@ use super::{Place, Scene, SceneWarning};
 use crate::geometry::{Geometry, ShapeSampler};
 use crate::light::Light;
 use crate::material::Material;
-use crate::math::PI;
+use crate::math::warp::one_minus_cos;
+use crate::math::{PI, TAU};
 use crate::settings::IntegratorSettings;
+use crate::spectrum::Spectrum;
 
 /// The most irradiance that a lamp plausibly gives by itself [lx]: ten times that of the Sun, about 1.3e5 lx.
 const BRIGHTEST_PLAUSIBLE: f32 = 1.3e6;
@@ -42,9 +44,17 @@ impl Appearance {
             Light::Directional { irradiance, .. } => point(irradiance.luminance()),
             Light::Constant { radiance } => seen(4.0 * PI, radiance.luminance()),
             Light::Environment { image, scale, .. } => {
-                let sum: f64 = image.texels.iter().map(|texel| f64::from(texel.luminance())).sum();
-                seen(4.0 * PI, (sum / image.texels.len() as f64) as f32 * scale)
+                seen(4.0 * PI, Spectrum::average(&image.texels).luminance() * scale)
             }
+            Light::Goniometric { image, scale, .. } => {
+                point(Spectrum::average(&image.texels).luminance() * scale / distance2)
+            }
+            Light::Sun {
+                half_angle, irradiance, ..
+            } => Self {
+                solid_angle: TAU * one_minus_cos(*half_angle),
+                irradiance: irradiance.luminance(),
+            },
         }
     }
 }

@@ -12,6 +12,7 @@ mod faults;
 mod files;
 mod format;
 mod gltf;
+mod ies;
 mod image;
 mod lamps;
 mod limits;
@@ -61,6 +62,9 @@ pub struct Scene {
     pub materials: Arc<[Material]>,
     /// Lights and the distribution they are chosen by.
     pub lights: Lights,
+    /// Whether the camera sees neither lights nor their shapes, nor what surrounds the scene (`hide_emitters`): its rays go on behind
+    /// them. Mirrors show them all the same.
+    pub hide_emitters: bool,
     /// The camera.
     pub sensor: Sensor,
     /// Image size and filter.

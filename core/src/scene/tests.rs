@@ -1,6 +1,8 @@
 //! What loading decides for a scene's author, and what it warns about.
 
 mod dialects;
+mod lights;
+mod sensors;
 mod shapes;
 
 use super::{Limits, Scene, SceneFaults};
@@ -54,7 +56,7 @@ fn a_scene_without_a_sensor_is_seen_whole() {
 fn x_fov(sensor: &Sensor) -> f32 {
     match sensor.projection {
         Projection::Perspective { fov_x, .. } => fov_x.to_degrees(),
-        Projection::Orthographic => panic!("{sensor:?}"),
+        _ => panic!("{sensor:?}"),
     }
 }
 
@@ -81,6 +83,7 @@ fn what_a_sensor_leaves_out_is_as_in_mitsuba() {
                 assert!(lens.is_none_or(|lens| lens.focus_distance == 10000.0));
             }
             Projection::Orthographic => assert_eq!(plugin, "orthographic"),
+            other => panic!("{other:?}"),
         }
         // Mitsuba takes 4 samples a pixel where `sample_count` is left out; here that is the integrator's choice.
         assert_eq!(scene.wishes.sample_count, None);
@@ -159,7 +162,7 @@ fn of_several_sensors_the_first_or_the_one_that_is_named_is_taken() {
         "{}{}{}{LIGHT}{BALL}",
         at("", 1),
         at(" id='left'", 2),
-        "<sensor type='spherical' id='2'/>\n"
+        "<sensor type='distant' id='2'/>\n"
     );
     let eye = |sensor| {
         let scene = load(&body, sensor).unwrap();
@@ -182,7 +185,7 @@ fn of_several_sensors_the_first_or_the_one_that_is_named_is_taken() {
         load(&body, Some("2"))
             .unwrap_err()
             .to_string()
-            .starts_with("main.xml:4: <sensor type=\"spherical\">")
+            .starts_with("main.xml:4: <sensor type=\"distant\">")
     );
     for bad in ["0", "4", "right", ""] {
         let error = load(&body, Some(bad)).unwrap_err().to_string();

@@ -94,7 +94,11 @@ impl Estimator<'_> {
             let edges = walk.edges;
             let parallel = infinite && edges == 1;
             if self.uses(edges + 1, 0) {
-                let free = hit.as_ref().map_or(f32::INFINITY, |point| point.distance);
+                let first = match scene.hide_emitters {
+                    true => tracer.intersect_from_camera(&walk.ray),
+                    false => hit,
+                };
+                let free = first.map_or(f32::INFINITY, |point| point.distance);
                 if let Some(seen) = scene.sensor.hit_lens(&walk.ray, free, parallel) {
                     let value = walk.beta * self.lens_share(&seen, partial, edges, parallel);
                     self.splat(&seen, value, &mut self.lens_random(path, edges), out);
@@ -172,6 +176,10 @@ impl Estimator<'_> {
         if !self.uses(vertex.edges + 1, 1) {
             return;
         }
+        let scene = tracer.scene;
+        if scene.hide_emitters && scene.light_at(&vertex.point).is_some() {
+            return;
+        }
         let Some(seen) = tracer.scene.sensor.sample_we(vertex.point.position, random.next_2d()) else {
             return;
         };
@@ -195,7 +203,8 @@ impl Estimator<'_> {
         if value.is_black() {
             return;
         }
-        let transmittance = tracer.transmittance(&vertex.point.shadow_ray(seen.direction, seen.visible_distance()));
+        let way = vertex.point.shadow_ray(seen.direction, seen.visible_distance());
+        let transmittance = tracer.transmittance_to_camera(&way);
         if !transmittance.is_black() {
             self.splat(&seen, value * transmittance, random, out);
         }

@@ -203,6 +203,7 @@ impl<'a> Estimator<'a> {
     fn uses(&self, s: u32, t: u32) -> bool {
         let techniques = &self.plan.techniques;
         let used = match (s, t) {
+            (0, 2) | (2, 0) if self.job.scene.hide_emitters => false,
             (0, 2) => true,
             (_, 0 | 1) => techniques.splat,
             (0, _) => techniques.hit,

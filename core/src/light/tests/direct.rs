@@ -76,8 +76,20 @@ fn directions_to_backgrounds_match_their_density() {
         unreachable!()
     };
     let to_world = facing(Vec3::ZERO, Vec3::X, Vec3::new(1.0, -2.0, 1.5));
-    let stretched = Light::Environment { image, scale, to_world };
+    let stretched = Light::Environment {
+        image,
+        mapping: Mapping::LatitudeLongitude,
+        scale,
+        to_world,
+    };
     check_directions("stretched environment", vec![], vec![stretched], from);
+    check_directions("equal-area environment", vec![], vec![equal_area(11)], from);
+    check_directions(
+        "environments of both kinds, a wide sun and a constant",
+        vec![],
+        vec![equal_area(6), environment(8, 6), sun(0.6), constant()],
+        from,
+    );
 }
 
 /// What a connection says of a point on an area light, a ray that hits that point says too.
@@ -195,6 +207,7 @@ fn a_spot_is_that_of_mitsuba() {
         intensity: gray(3.0),
         cutoff_angle: 40.0_f32.to_radians(),
         beam_width: 25.0_f32.to_radians(),
+        texture: None,
     };
     let geometry = Geometry::build(Vec::new());
     let lights = Lights::build(vec![spot], &geometry);
@@ -218,6 +231,44 @@ fn a_spot_is_that_of_mitsuba() {
             .is_none(),
         "behind the spot"
     );
+}
+
+/// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Emitter.sample_direction` of the same light. Columns of the slide are 1 to 4 in the first
+/// channel, its rows 10 and 11 in the second.
+#[test]
+fn a_spot_with_a_slide_is_that_of_mitsuba() {
+    let matrix = DMat4::from_cols(
+        DVec4::new(0.812_031_7, 0.035_305_73, -0.582_544_5, 0.0),
+        DVec4::new(0.275_497_17, 0.856_765_87, 0.435_951_53, 0.0),
+        DVec4::new(0.514_495_8, -0.514_495_8, 0.685_994_4, 0.0),
+        DVec4::new(1.0, 2.0, 3.0, 1.0),
+    );
+    let Light::Projector { image, .. } = projector() else {
+        unreachable!()
+    };
+    let spot = Light::Spot {
+        to_world: Transform::from_matrix(matrix).unwrap(),
+        intensity: gray(3.0),
+        cutoff_angle: 40.0_f32.to_radians(),
+        beam_width: 25.0_f32.to_radians(),
+        texture: Some(image),
+    };
+    let geometry = Geometry::build(Vec::new());
+    let lights = Lights::build(vec![spot], &geometry);
+    for (at, expected) in [
+        (Vec3::new(4.0, 0.0, 7.0), [0.310_344_8, 1.137_931, 0.051_724_14]),
+        (Vec3::new(3.0, 2.0, 7.0), [0.150_576_1, 0.828_168_6, 0.037_644_03]),
+        (Vec3::new(5.0, 1.0, 4.0), [0.007_878_549, 0.021_666_01, 0.000_984_818_7]),
+        (Vec3::new(4.0, -2.5, 6.5), [0.216_867_5, 0.722_891_6, 0.036_144_58]),
+    ] {
+        let sample = lights.sample_direct(&geometry, at, 0.5, DVec2::splat(0.5)).unwrap();
+        for (found, expected) in sample.radiance.to_rgb().into_iter().zip(expected) {
+            assert!(
+                (found - expected).abs() < 2e-5 * expected.max(0.1),
+                "{sample:?}, {expected}"
+            );
+        }
+    }
 }
 
 /// Expected values: Mitsuba 3.9.1, `scalar_rgb`, `Emitter.sample_direction` of the same light.
@@ -296,6 +347,7 @@ fn narrow_lights_are_sampled_with_their_density() {
             intensity: gray(2.0),
             cutoff_angle: theta,
             beam_width: 0.0,
+            texture: None,
         };
         let lights = Lights::build(vec![spot], &geometry);
         let emit = |random: &mut PathRandom| {
@@ -392,6 +444,7 @@ fn an_environment_is_looked_up_as_in_mitsuba() {
     let to_world = Transform::from_matrix(matrix).unwrap();
     let light = Light::Environment {
         image: Arc::new(image),
+        mapping: Mapping::LatitudeLongitude,
         scale: 2.0,
         to_world,
     };
@@ -414,7 +467,12 @@ fn an_environment_is_looked_up_as_in_mitsuba() {
 fn sampled_environments_have_the_integral_of_their_image() {
     let geometry = Geometry::build(Vec::new());
     let lights = Lights::build(
-        vec![environment(16, 9), Light::Constant { radiance: gray(0.5) }],
+        vec![
+            environment(16, 9),
+            equal_area(9),
+            sun(0.4),
+            Light::Constant { radiance: gray(0.5) },
+        ],
         &geometry,
     );
     let mut random = random(5);
@@ -433,12 +491,65 @@ fn sampled_environments_have_the_integral_of_their_image() {
     };
     let light = Light::Environment {
         image: Arc::new(black),
+        mapping: Mapping::LatitudeLongitude,
         scale: 1.0,
         to_world: Transform::default(),
     };
     let lights = Lights::build(vec![light], &geometry);
     assert!(draw(&lights, &geometry, Vec3::ONE, &mut random).is_none());
     assert_eq!(lights.pdf_background(Vec3::X), 0.0);
+}
+
+/// A sun has the irradiance that it is given, is seen as a disc, and is found by connections.
+#[test]
+fn a_sun_has_its_irradiance_and_its_size() {
+    let geometry = Geometry::build(Vec::new());
+    let half_angle = 0.004_675;
+    let lights = Lights::build(vec![sun(half_angle)], &geometry);
+    let Light::Sun {
+        towards, irradiance, ..
+    } = sun(half_angle)
+    else {
+        unreachable!()
+    };
+    let aside = Frame::from_normal(towards).s;
+    let seen = |angle: f32| lights.background((towards + angle * aside).normalize());
+    assert_eq!(seen(0.0), seen(0.99 * half_angle));
+    assert_eq!(seen(1.01 * half_angle), Spectrum::ZERO);
+    assert_eq!(lights.background(-towards), Spectrum::ZERO);
+    let mut random = random(6);
+    let found = mean(2_000, || {
+        let sample = draw(&lights, &geometry, Vec3::ONE, &mut random).expect("the sun shines");
+        assert!(sample.wi.dot(towards) > 0.9999 && !sample.delta);
+        f64::from(sample.radiance[1] / sample.pdf)
+    });
+    assert_mean("irradiance", found, irradiance[1].into());
+}
+
+/// What the lamp sends to a point is its image in that direction, whatever the mapping, over the squared distance.
+#[test]
+fn a_goniometric_light_is_its_image() {
+    let geometry = Geometry::build(Vec::new());
+    for (lamp, image) in [
+        (goniometric(environment(16, 9)), environment(16, 9)),
+        (goniometric(equal_area(9)), equal_area(9)),
+    ] {
+        let around = Lights::build(vec![image], &geometry);
+        let lights = Lights::build(vec![lamp], &geometry);
+        let mut random = random(7);
+        for _ in 0..100 {
+            let offset = 2.0 * square_to_sphere(random.next_2d());
+            let sample = lights
+                .sample_direct(&geometry, LAMP + offset, 0.5, DVec2::splat(0.5))
+                .unwrap();
+            let expected = around.background(offset / 2.0)[0] / 4.0;
+            assert!(
+                (sample.radiance[0] - expected).abs() < 1e-3 * expected,
+                "{sample:?}, {expected}"
+            );
+            assert!(sample.delta && sample.pdf == 1.0);
+        }
+    }
 }
 
 /// Integral over the sphere of the radiance from outside.

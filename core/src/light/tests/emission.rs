@@ -39,6 +39,7 @@ fn directions_of_emission_match_their_density() {
         intensity: gray(2.0),
         cutoff_angle: 0.9,
         beam_width: 0.5,
+        texture: None,
     };
     let (inside, cap) = (cos(0.9), 2.0 * PI * (1.0 - cos(0.9)));
     check_directions("spot", vec![], spot, |_, d| {
@@ -53,6 +54,12 @@ fn directions_of_emission_match_their_density() {
     check_directions("projector", vec![], projector(), projector_pdf);
     let environment_pdf = |lights: &Lights, d: Vec3| lights.pdf_background(-d);
     check_directions("environment", vec![], environment(16, 9), environment_pdf);
+    check_directions("equal-area environment", vec![], equal_area(9), environment_pdf);
+    let lamp_pdf = |lights: &Lights, d: Vec3| {
+        let connection = lights.sample_direct(&Geometry::build(vec![]), LAMP + d, 0.5, DVec2::splat(0.5));
+        connection.map_or(0.0, |connection| connection.arrival)
+    };
+    check_directions("goniometric", vec![], goniometric(environment(16, 9)), lamp_pdf);
 }
 
 /// Origins, as positions on the emitting shape or on the disc before the scene.
@@ -106,14 +113,14 @@ fn origins_of_emission_are_uniform_by_area() {
         polar(local)
     };
     let radius = 2.0 * 3.0_f64.sqrt() * (1.0 + 1e-4);
-    let sun = Light::Directional {
+    let parallel = Light::Directional {
         direction,
         irradiance: gray(1.0),
     };
     check(
         "directional",
         vec![sphere(center, 2.0, false)],
-        sun,
+        parallel,
         unit_disc(radius * radius * (1.0 + 1e-6)),
         &before,
     );
@@ -172,6 +179,7 @@ fn mean_flux_is_the_power() {
         intensity: gray(3.0),
         cutoff_angle: 0.9,
         beam_width: 0.5,
+        texture: None,
     };
     let spot_power = 6.0 * pi * (1.0 - (libm::sin(0.9) - libm::sin(0.5)) / 0.4);
     check_power("spot", vec![], vec![spot], spot_power);
@@ -179,11 +187,11 @@ fn mean_flux_is_the_power() {
     let half_width = libm::tan(20.0_f64.to_radians());
     let projector_power = 2.0 * pi * 2.5 * 4.0 * half_width * (0.5 * half_width);
     check_power("projector", vec![], vec![projector()], projector_power);
-    let sun = Light::Directional {
+    let parallel = Light::Directional {
         direction: Vec3::Y,
         irradiance: gray(3.0),
     };
-    check_power("directional", vec![ball()], vec![sun], 3.0 * cross_section);
+    check_power("directional", vec![ball()], vec![parallel], 3.0 * cross_section);
     let sky = Light::Constant { radiance: gray(3.0) };
     check_power("constant", vec![ball()], vec![sky], 12.0 * pi * cross_section);
     let lights = Lights::build(vec![environment(16, 9)], &Geometry::build(vec![ball()]));
@@ -194,6 +202,10 @@ fn mean_flux_is_the_power() {
         vec![environment(16, 9)],
         integral * cross_section,
     );
+    let lamp = Lights::build(vec![equal_area(9)], &Geometry::build(vec![]));
+    let power = integral_of_radiance(&lamp, 0);
+    check_power("goniometric", vec![], vec![goniometric(equal_area(9))], power);
+    check_power("sun", vec![ball()], vec![sun(0.4)], 3.0 * cross_section);
     let together = vec![area_light(0, 3.0), point, environment(16, 9)];
     let sum = pi * 3.0 * 16.0 * pi + 12.0 * pi + integral * cross_section;
     check_power("together", vec![ball()], together, sum);

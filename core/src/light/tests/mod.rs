@@ -11,7 +11,7 @@ use crate::texture::{TextureFilter, UvTransform, WrapMode};
 use glam::{DMat4, DVec3, DVec4};
 
 /// Chi-square tests of this module, for Sidak's correction.
-const FAMILY: usize = 19;
+const FAMILY: usize = 24;
 /// Deviations that a z-test allows: a false alarm has probability 6.3e-5 each, fixed by the seed.
 const DEVIATIONS: f64 = 4.0;
 
@@ -83,8 +83,50 @@ fn environment(width: usize, height: usize) -> Light {
     let to_world = facing(Vec3::ZERO, Vec3::new(0.3, 0.8, -0.5), Vec3::ONE);
     Light::Environment {
         image: image(width, height),
+        mapping: Mapping::LatitudeLongitude,
         scale: 2.0,
         to_world,
+    }
+}
+
+/// A square image of the sphere.
+fn equal_area(size: usize) -> Light {
+    Light::Environment {
+        image: image(size, size),
+        mapping: Mapping::EqualArea,
+        scale: 1.5,
+        to_world: facing(Vec3::ZERO, Vec3::new(-0.4, 0.3, 0.6), Vec3::ONE),
+    }
+}
+
+/// Where [`goniometric`] puts its lamp.
+const LAMP: Vec3 = Vec3::new(1.0, -2.0, 0.5);
+
+/// The image of an environment about a point.
+fn goniometric(environment: Light) -> Light {
+    let Light::Environment {
+        image,
+        mapping,
+        scale,
+        to_world,
+    } = environment
+    else {
+        unreachable!()
+    };
+    let moved = Transform::from_matrix(DMat4::from_translation(LAMP.as_dvec3())).unwrap();
+    Light::Goniometric {
+        to_world: moved.after(&to_world),
+        image,
+        mapping,
+        scale,
+    }
+}
+
+fn sun(half_angle: f32) -> Light {
+    Light::Sun {
+        towards: Vec3::new(0.48, 0.64, -0.6),
+        half_angle,
+        irradiance: Spectrum::from_rgb([3.0, 2.0, 1.0]),
     }
 }
 

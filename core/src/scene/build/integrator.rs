@@ -28,12 +28,20 @@ const OTHERS: [&str; 16] = [
     "prb",
 ];
 
-/// The integrator where it is one of ours, and the longest light path.
-pub(super) fn build(
-    description: &Description,
-    object: ObjectId,
-) -> Result<(Option<IntegratorSettings>, Option<u32>), SceneError> {
+/// What a scene says of how it is rendered.
+pub(super) struct Wanted {
+    /// The integrator where it is one of ours.
+    pub(super) settings: Option<IntegratorSettings>,
+    /// The longest light path.
+    pub(super) max_depth: Option<u32>,
+    /// Whether the camera does not see lights.
+    pub(super) hide_emitters: bool,
+}
+
+/// What an integrator says.
+pub(super) fn build(description: &Description, object: ObjectId) -> Result<Wanted, SceneError> {
     let reader = Reader::new(description, innermost(description, object));
+    let hide_emitters = reader.boolean("hide_emitters", false)?;
     let max_depth = max_depth(&reader)?;
     let plugin = reader.object.plugin.as_str();
     let settings = match Integrator::find(plugin) {
@@ -50,12 +58,13 @@ pub(super) fn build(
             None
         }
     };
-    if settings.is_some() && reader.boolean("hide_emitters", false)? {
-        reader.warn_of("hide_emitters", "lights stay visible");
-    }
     reader.ignore(&["strict_normals"]);
     reader.finish();
-    Ok((settings, max_depth))
+    Ok(Wanted {
+        settings,
+        max_depth,
+        hide_emitters,
+    })
 }
 
 /// The integrator that makes the picture: some write further layers or statistics, and have a nested one render.

@@ -10,21 +10,31 @@ use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
 use crate::scene::spectrum::BRIGHTEST;
-use crate::spectrum::Spectrum;
-use crate::texture::{Texture, TextureFilter, WrapMode};
+use crate::texture::Texture;
 use glam::DMat4;
+use std::f64::consts::PI;
 
-const SUPPORTED: [&str; 7] = [
+const SUPPORTED: [&str; 13] = [
     "area",
     "point",
     "spot",
     "projector",
+    "goniometric",
     "directional",
+    "collimated",
     "constant",
     "envmap",
+    "sky",
+    "sun",
+    "sunsky",
+    "timed_sunsky",
 ];
 /// Emitters of Mitsuba that do not exist here.
-const ELSEWHERE: [&str; 3] = ["directionalarea", "collimated", "volumelight"];
+const ELSEWHERE: [&str; 2] = ["directionalarea", "volumelight"];
+/// Half the angle that a collimated beam opens by here [degrees].
+const BEAM_HALF_ANGLE: f64 = 0.05;
+/// The widest `cutoff_angle` of a spot with a texture, which lies on a plane before it [degrees].
+const WIDEST_SLIDE: f64 = 89.0;
 
 impl Builder<'_, '_> {
     pub(super) fn emitter(&mut self, object: ObjectId) -> Result<(), SceneError> {
@@ -33,13 +43,24 @@ impl Builder<'_, '_> {
         let mut to_world = None;
         let light = match reader.object.plugin.as_str() {
             "area" => return self.detached_area_light(object, &reader),
+            "sky" | "sun" | "sunsky" | "timed_sunsky" => return self.daylight(&reader),
             "point" => Light::Point {
                 position: to_world.insert(place(&reader)?).at(at_rest).point(Vec3::ZERO),
                 intensity: light_colour(&reader, "intensity", 1.0)?,
             },
             "spot" => {
                 let reason = "a spot light can be moved, rotated and mirrored only";
-                spot(&reader, to_world.insert(rotations(&reader, reason)?).at(at_rest))?
+                let placed = to_world.insert(rotations(&reader, reason)?).at(at_rest);
+                self.spot(&reader, placed)?
+            }
+            "goniometric" => {
+                let reason = "a goniometric light can be moved, rotated and mirrored only";
+                let placed = to_world.insert(rotations(&reader, reason)?).at(at_rest);
+                self.goniometric(&reader, placed)?
+            }
+            "collimated" => {
+                let reason = "a beam can be moved, rotated and mirrored only";
+                collimated(&reader, to_world.insert(rotations(&reader, reason)?).at(at_rest))?
             }
             "projector" => {
                 let reason = "a projector can be moved, rotated and mirrored only";
@@ -50,26 +71,13 @@ impl Builder<'_, '_> {
                 direction: direction(&reader, &mut to_world, at_rest)?,
                 irradiance: light_colour(&reader, "irradiance", 1.0)?,
             },
-            "constant" => {
-                self.only_environment(&reader)?;
-                Light::Constant {
-                    radiance: light_colour(&reader, "radiance", 1.0)?,
-                }
-            }
+            "constant" => Light::Constant {
+                radiance: light_colour(&reader, "radiance", 1.0)?,
+            },
             "envmap" => {
-                self.only_environment(&reader)?;
                 let reason = "an environment can be rotated and mirrored only";
                 let placed = to_world.insert(rotations(&reader, reason)?).at(at_rest);
                 self.environment_map(&reader, placed)?
-            }
-            "sky" | "sun" | "sunsky" | "timed_sunsky" => {
-                let without = "this type does not exist yet: a white environment of radiance 1 stands in for it";
-                reader.warn(reader.place(), without);
-                self.only_environment(&reader)?;
-                reader.accept_rest();
-                Light::Constant {
-                    radiance: Spectrum::ONE,
-                }
             }
             other if ELSEWHERE.contains(&other) => {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
@@ -94,16 +102,6 @@ impl Builder<'_, '_> {
         Err(SceneError::value(reader.place(), reader.context(), reason))
     }
 
-    fn only_environment(&mut self, reader: &Reader) -> Result<(), SceneError> {
-        match self.environment.replace(reader.place().clone()) {
-            Some(first) => {
-                let reason = format!("the scene has an environment already, at {first}");
-                reader.fault(SceneError::value(reader.place(), reader.context(), reason))
-            }
-            None => Ok(()),
-        }
-    }
-
     fn projector(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
         let scale = reader.float_or("scale", POSITIVE, 1.0)? as f32;
         let image = self.colour_or_texture(reader, "irradiance", Role::EMISSION, 1.0)?;
@@ -121,29 +119,29 @@ impl Builder<'_, '_> {
         })
     }
 
-    fn environment_map(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
-        let scale = reader.float_or("scale", POSITIVE, 1.0)? as f32;
-        // Importance sampling is never compensated; the estimate has the same mean either way.
-        reader.boolean("mis_compensation", false)?;
-        let image = self.bitmap_file(reader, false, WrapMode::Repeat, TextureFilter::Bilinear)?;
-        reader.finish();
-        if image.width < 2 || image.height < 2 {
-            let reason = format!(
-                "an environment has 2 x 2 texels or more, found {} x {}",
-                image.width, image.height
-            );
-            return Err(reader.wrong("filename", reason));
+    fn spot(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
+        let cutoff = reader.float_or("cutoff_angle", 0.01..=180.0, 20.0)?;
+        let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?;
+        let intensity = light_colour(reader, "intensity", 1.0)?;
+        if beam > cutoff {
+            return Err(reader.wrong("beam_width", format!("{beam} is above `cutoff_angle`, {cutoff}")));
         }
-        let brightest = image
-            .texels
-            .iter()
-            .map(|texel| texel.max_component())
-            .fold(0.0, f32::max);
-        if f64::from(brightest) * f64::from(scale) > BRIGHTEST {
-            let reason = format!("the brightest texel, {brightest}, times {scale} is above {BRIGHTEST:e}");
-            return Err(reader.wrong("scale", reason));
-        }
-        Ok(Light::Environment { image, scale, to_world })
+        let texture = if reader.has("texture") {
+            if cutoff > WIDEST_SLIDE {
+                let reason = format!("{cutoff} is out of range beside a `texture`; allowed: up to {WIDEST_SLIDE}");
+                return Err(reader.wrong("cutoff_angle", reason));
+            }
+            Some(self.colour_or_texture(reader, "texture", Role::EMISSION, 1.0)?)
+        } else {
+            None
+        };
+        Ok(Light::Spot {
+            to_world,
+            intensity,
+            cutoff_angle: cutoff.to_radians() as f32,
+            beam_width: beam.to_radians() as f32,
+            texture,
+        })
     }
 }
 
@@ -186,28 +184,49 @@ fn direction(reader: &Reader, to_world: &mut Option<AnimatedTransform>, at_rest:
 }
 
 /// `to_world` without its uniform scale; `reason` says what it may be.
-fn rotations(reader: &Reader, reason: &str) -> Result<AnimatedTransform, SceneError> {
+pub(super) fn rotations(reader: &Reader, reason: &str) -> Result<AnimatedTransform, SceneError> {
     let to_world = reader.animation("to_world")?.unwrap_or_default();
     to_world.map(rotation).ok_or_else(|| reader.wrong("to_world", reason))
 }
 
-fn spot(reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
-    let cutoff = reader.float_or("cutoff_angle", 0.01..=180.0, 20.0)?;
-    let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?;
-    let intensity = light_colour(reader, "intensity", 1.0)?;
-    if beam > cutoff {
-        return Err(reader.wrong("beam_width", format!("{beam} is above `cutoff_angle`, {cutoff}")));
+/// A beam of parallel light, as a spot that is as narrow as single precision bears.
+fn collimated(reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
+    let power = light_colour(reader, "power", 1.0)?;
+    let half_angle = BEAM_HALF_ANGLE.to_radians();
+    let solid_angle = 4.0 * PI * libm::pow(libm::sin(0.5 * half_angle), 2.0);
+    let intensity = power / solid_angle as f32;
+    if f64::from(intensity.max_component()) > BRIGHTEST {
+        return Err(reader.wrong("power", "a beam of so much power is too bright"));
     }
+    reader.warn(
+        reader.place(),
+        format_args!(
+            "the beam is not parallel: it opens by {} degrees",
+            2.0 * BEAM_HALF_ANGLE
+        ),
+    );
     Ok(Light::Spot {
         to_world,
         intensity,
-        cutoff_angle: cutoff.to_radians() as f32,
-        beam_width: beam.to_radians() as f32,
+        cutoff_angle: half_angle as f32,
+        beam_width: half_angle as f32,
+        texture: None,
     })
 }
 
+/// Turns an image of latitude and longitude, whose upper edge is +y, so that the edge is +z.
+pub(super) fn upright_image() -> Transform {
+    let turn = DMat4::from_cols_array_2d(&[
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]);
+    Transform::from_matrix(turn).unwrap_or_default()
+}
+
 /// The map without its uniform scale; `None` where it has another.
-fn rotation(transform: &Transform) -> Option<Transform> {
+pub(super) fn rotation(transform: &Transform) -> Option<Transform> {
     let scale = uniform_scale(transform)?;
     let m = transform.matrix();
     let axes = [m.x_axis / scale, m.y_axis / scale, m.z_axis / scale];

@@ -2,9 +2,11 @@
 
 mod attributes;
 mod curves;
+mod daylight;
 mod instance;
 mod integrator;
 mod light;
+mod light_image;
 mod material;
 mod sensor;
 mod shape;
@@ -50,9 +52,10 @@ pub(crate) fn build(
         ..Wishes::default()
     };
     if let Some(integrator) = integrator {
-        let settings = integrator::build(description, integrator.target);
-        if let Some(settings) = description.attempt(integrator.target, settings)? {
-            (wishes.integrator, wishes.max_depth) = settings;
+        let wanted = integrator::build(description, integrator.target);
+        if let Some(wanted) = description.attempt(integrator.target, wanted)? {
+            (wishes.integrator, wishes.max_depth) = (wanted.settings, wanted.max_depth);
+            builder.hide_emitters = wanted.hide_emitters;
         }
     }
     // What shows attributes of a mesh is built with the mesh.
@@ -127,10 +130,10 @@ struct Builder<'b, 'f> {
     bitmaps: BTreeMap<texture::BitmapKey, Arc<Bitmap>>,
     meshes: MeshTotals,
     texels: u64,
+    /// Whether the camera does not see lights.
+    hide_emitters: bool,
     /// Area lights that a shape uses.
     used_area_lights: BTreeSet<ObjectId>,
-    /// The place of the environment light, of which there may be one.
-    environment: Option<Place>,
 }
 
 impl<'b, 'f> Builder<'b, 'f> {
@@ -155,14 +158,15 @@ impl<'b, 'f> Builder<'b, 'f> {
             bitmaps: BTreeMap::new(),
             meshes: MeshTotals::default(),
             texels: 0,
+            hide_emitters: false,
             used_area_lights: BTreeSet::new(),
-            environment: None,
         }
     }
 
     /// The sensor that `name` chooses, or the first; `None` where the scene has none.
     fn view(&mut self, scene: &Reader, name: Option<&str>) -> Result<Option<View>, SceneError> {
-        let sensors: Vec<ObjectId> = scene.children(Kind::Sensor).iter().map(|child| child.target).collect();
+        let all = sensor::all(self.description, scene);
+        let sensors: Vec<ObjectId> = all.iter().map(|(sensor, _)| *sensor).collect();
         let chosen = match name {
             Some(name) => Some(sensor::named(self.description, &sensors, name)?),
             None => sensors.first().copied(),
@@ -176,7 +180,11 @@ impl<'b, 'f> Builder<'b, 'f> {
             );
             self.warn(&self.description.objects[chosen].place, message);
         }
-        let built = sensor::build(self.description, chosen, self.loader.limits);
+        let shape = all
+            .iter()
+            .find(|(sensor, _)| *sensor == chosen)
+            .and_then(|(_, shape)| *shape);
+        let built = sensor::build(self.description, chosen, shape, self.loader.limits);
         let view = self.description.attempt(chosen, built)?.map(|(view, motion)| {
             self.motion = motion;
             view
@@ -261,6 +269,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             bindings: self.bindings.into_iter().chain(self.group_bindings).collect(),
             materials: self.materials.into(),
             lights,
+            hide_emitters: self.hide_emitters,
             sensor,
             film,
             contents: SceneContents {

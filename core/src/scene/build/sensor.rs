@@ -3,24 +3,28 @@
 use super::uniform_scale;
 use crate::film::{FilmSettings, Filter};
 use crate::geometry::Geometry;
-use crate::math::{AnimatedTransform, Transform, Vec2, Vec3, tan};
+use crate::math::{AnimatedTransform, DVec3, Transform, Vec2, Vec3, atan2, tan};
 use crate::motion::Motion;
 use crate::scene::Limits;
 use crate::scene::description::{Description, Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError, shortened, within};
 use crate::scene::reader::{ANY, NOT_NEGATIVE, POSITIVE, Reader};
-use crate::sensor::{Lens, Projection, Sensor};
+use crate::sensor::{Lens, Projection, Sensor, window};
 
-const SENSORS: [&str; 3] = ["perspective", "thinlens", "orthographic"];
-/// Sensors of Mitsuba that do not exist here.
-const OTHER_SENSORS: [&str; 6] = [
-    "radiancemeter",
-    "irradiancemeter",
-    "distant",
-    "batch",
+const SENSORS: [&str; 8] = [
+    "perspective",
+    "perspective_rdist",
+    "thinlens",
+    "orthographic",
     "telecentric",
     "spherical",
+    "radiancemeter",
+    "irradiancemeter",
 ];
+/// Sensors of Mitsuba that do not exist here.
+const OTHER_SENSORS: [&str; 5] = ["distant", "hdistant", "mdistant", "batch", "fluencemeter"];
+/// The field of view of a radiance meter, which has one ray in Mitsuba [radians].
+const METER_FOV: f32 = 1e-5;
 /// A camera with its film.
 pub(super) struct View {
     pub(super) sensor: Sensor,
@@ -33,6 +37,9 @@ impl View {
     /// Whether up in the picture is down in a world whose up is y, as in Mitsuba, or z, as in Blender. A camera that looks along
     /// -y may be one that looks straight down where y is up.
     pub(super) fn is_upside_down(&self) -> bool {
+        if matches!(self.sensor.projection, Projection::Irradiance { .. }) {
+            return false;
+        }
         let [up, forward] = [Vec3::Y, Vec3::Z].map(|axis| self.sensor.to_world.vector(axis).normalize_or_zero());
         up.y < -0.7 || (up.z < -0.7 && forward.y > -0.7)
     }
@@ -110,10 +117,28 @@ pub(super) fn default_view(geometry: &Geometry) -> View {
     }
 }
 
-/// Builds a sensor, and begins the motion by its own and the time that its shutter is open.
+/// The sensors of a scene: its own, then those that measure what arrives at its shapes, each with its shape.
+pub(super) fn all(description: &Description, scene: &Reader) -> Vec<(ObjectId, Option<ObjectId>)> {
+    let own = scene
+        .children(Kind::Sensor)
+        .into_iter()
+        .map(|child| (child.target, None));
+    let shapes = description.objects[0].children.iter().map(|child| child.target);
+    let on_shapes = shapes
+        .filter(|shape| description.objects[*shape].kind == Kind::Shape)
+        .flat_map(|shape| {
+            let children = description.objects[shape].children.iter().map(|child| child.target);
+            let sensors = children.filter(|child| description.objects[*child].kind == Kind::Sensor);
+            sensors.map(move |sensor| (sensor, Some(shape)))
+        });
+    own.chain(on_shapes).collect()
+}
+
+/// Builds a sensor, and begins the motion by its own and the time that its shutter is open. `shape` is what it lies on, if it does.
 pub(super) fn build(
     description: &Description,
     object: ObjectId,
+    shape: Option<ObjectId>,
     limits: &Limits,
 ) -> Result<(View, Motion), SceneError> {
     let reader = Reader::new(description, object);
@@ -131,10 +156,8 @@ pub(super) fn build(
         }
         None => None,
     };
-    let film = film.unwrap_or(FilmSettings {
-        resolution: DEFAULT_RESOLUTION,
-        filter: DEFAULT_FILTER,
-    });
+    let is_meter = plugin.ends_with("meter");
+    let film = film.unwrap_or_else(|| Frame::whole(if is_meter { [1, 1] } else { DEFAULT_RESOLUTION }));
     let sample_count = match reader.only_child(Kind::Sampler)? {
         Some(sampler) => {
             let count = sample_count(&Reader::new(description, sampler.target));
@@ -142,14 +165,147 @@ pub(super) fn build(
         }
         None => None,
     };
-    let (sensor, motion) = camera(&reader, film.resolution)?;
+    let (sensor, mut motion) = match (plugin, shape) {
+        ("irradiancemeter", Some(shape)) => irradiance_meter(&reader, &Reader::new(description, shape), &film)?,
+        ("irradiancemeter", None) => {
+            let reason =
+                "an irradiance meter measures what arrives at a shape: put it inside a <shape type=\"rectangle\">";
+            return Err(SceneError::value(reader.place(), reader.context(), reason));
+        }
+        (_, Some(_)) => {
+            let reason = "of all sensors an `irradiancemeter` alone lies on a shape";
+            return Err(SceneError::value(reader.place(), reader.context(), reason));
+        }
+        ("radiancemeter", None) => radiance_meter(&reader, &film)?,
+        _ => camera(&reader, film.whole)?,
+    };
     reader.finish();
+    let sensor = if film.is_whole() {
+        sensor
+    } else {
+        crop(&reader, &film, sensor, &mut motion)?
+    };
     let view = View {
         sensor,
-        film,
+        film: FilmSettings {
+            resolution: film.size,
+            // A meter's pixels are places of their own.
+            filter: if is_meter {
+                Filter::Box { radius: 0.5 }
+            } else {
+                film.filter
+            },
+        },
         sample_count,
     };
     Ok((view, motion))
+}
+
+/// A film: the window of an image that is rendered.
+struct Frame {
+    /// Size of the image [pixels].
+    whole: [u32; 2],
+    /// Where the window begins.
+    offset: [u32; 2],
+    /// Size of the window.
+    size: [u32; 2],
+    filter: Filter,
+}
+
+impl Frame {
+    fn whole(size: [u32; 2]) -> Self {
+        Self {
+            whole: size,
+            offset: [0, 0],
+            size,
+            filter: DEFAULT_FILTER,
+        }
+    }
+
+    fn is_whole(&self) -> bool {
+        self.size == self.whole
+    }
+}
+
+/// The sensor that sees the window of a film.
+fn crop(reader: &Reader, film: &Frame, sensor: Sensor, motion: &mut Motion) -> Result<Sensor, SceneError> {
+    if matches!(sensor.projection, Projection::Spherical | Projection::Irradiance { .. }) {
+        let plugin = &reader.object.plugin;
+        return Err(reader.unsupported(format!("a crop of the film of `{plugin}`"), "leave it out"));
+    }
+    if let (Projection::Orthographic, Some(moving)) = (sensor.projection, &motion.sensor) {
+        let cropped = |to_world: &Transform| {
+            let placed = Sensor {
+                to_world: *to_world,
+                ..sensor.clone()
+            };
+            Some(placed.cropped(film.offset, film.size).to_world)
+        };
+        motion.sensor = moving.map(cropped);
+    }
+    Ok(sensor.cropped(film.offset, film.size))
+}
+
+/// One ray, which starts at the meter.
+fn radiance_meter(reader: &Reader, film: &Frame) -> Result<(Sensor, Motion), SceneError> {
+    let given = [reader.vector("origin")?, reader.vector("direction")?];
+    let to_world = match (given, reader.animation("to_world")?) {
+        ([None, None], to_world) => to_world.unwrap_or_default(),
+        (_, Some(_)) => return Err(reader.wrong("to_world", "give either `origin` and `direction` or `to_world`")),
+        ([origin, direction], None) => {
+            let direction = direction.unwrap_or(DVec3::Z).try_normalize();
+            let direction = direction.ok_or_else(|| reader.wrong("direction", "it has no length"))?;
+            let axes = direction.any_orthonormal_pair();
+            let origin = origin.unwrap_or(DVec3::ZERO).extend(1.0);
+            let [s, t, n] = [axes.0, axes.1, direction].map(|axis| axis.extend(0.0));
+            let matrix = glam::DMat4::from_cols(s, t, n, origin);
+            AnimatedTransform::still(Transform::from_matrix(matrix).unwrap_or_default())
+        }
+    };
+    for keyframe in to_world.keyframes() {
+        check_position(reader, keyframe.point(Vec3::ZERO))?;
+    }
+    let to_world = to_world.map(super::light::rotation);
+    let to_world =
+        to_world.ok_or_else(|| reader.wrong("to_world", "a meter can be moved, rotated and mirrored only"))?;
+    let mut motion = Motion {
+        shutter: shutter(reader)?,
+        ..Motion::default()
+    };
+    let sensor = Sensor {
+        to_world: to_world.at(motion.at_rest()),
+        projection: Projection::Perspective {
+            fov_x: METER_FOV,
+            principal_point: Vec2::ZERO,
+            lens: None,
+        },
+        resolution: film.whole,
+        clip: [f32::MIN_POSITIVE, f32::MAX],
+    };
+    motion.sensor = to_world.moves_within(motion.shutter).then_some(to_world);
+    Ok((sensor, motion))
+}
+
+/// What arrives at a rectangle, each pixel of the film being its part of it.
+fn irradiance_meter(reader: &Reader, shape: &Reader, film: &Frame) -> Result<(Sensor, Motion), SceneError> {
+    if shape.object.plugin != "rectangle" {
+        let what = format!("on a shape of type `{}`", shape.object.plugin);
+        return Err(reader.unsupported(what, "it can lie on a `rectangle`"));
+    }
+    let to_world = shape.animation("to_world")?.unwrap_or_default();
+    let flipped = shape.boolean("flip_normals", false)?;
+    let mut motion = Motion {
+        shutter: shutter(reader)?,
+        ..Motion::default()
+    };
+    let sensor = Sensor {
+        to_world: to_world.at(motion.at_rest()),
+        projection: Projection::Irradiance { flipped },
+        resolution: film.whole,
+        clip: [0.0, f32::MAX],
+    };
+    motion.sensor = to_world.moves_within(motion.shutter).then_some(to_world);
+    Ok((sensor, motion))
 }
 
 /// Films, which are all the same here.
@@ -196,14 +352,42 @@ fn camera(reader: &Reader, resolution: [u32; 2]) -> Result<(Sensor, Motion), Sce
         reader.fault(reader.wrong("near_clip", format!("{near} is not below `far_clip`, {far}")))?;
     }
     let focus_distance = reader.float_or("focus_distance", POSITIVE, far)? as f32;
+    let window = screen_window(reader, resolution)?;
+    let plugin = reader.object.plugin.as_str();
+    match plugin {
+        "perspective_rdist" => {
+            reader.warn(
+                reader.place(),
+                "the lens does not distort: straight lines stay straight",
+            );
+            reader.ignore(&["kc"]);
+        }
+        "telecentric" => {
+            reader.warn(
+                reader.place(),
+                "it is rendered as `orthographic`: everything is in focus",
+            );
+            reader.ignore(&["aperture_radius"]);
+        }
+        _ => {}
+    }
     let mut motion = Motion {
         shutter: shutter(reader)?,
         ..Motion::default()
     };
-    let projection = if reader.object.plugin == "orthographic" {
-        Projection::Orthographic
-    } else {
-        perspective(reader, &to_world, resolution, focus_distance)?
+    let (projection, to_world) = match plugin {
+        "orthographic" | "telecentric" => {
+            let windowed = window.and_then(|window| to_world.map(|keyframe| Some(keyframe.after(&window.of_plane()))));
+            (Projection::Orthographic, windowed.unwrap_or(to_world))
+        }
+        "spherical" => {
+            check_unscaled(reader, &to_world)?;
+            (Projection::Spherical, to_world)
+        }
+        _ => (
+            perspective(reader, &to_world, resolution, focus_distance, window)?,
+            to_world,
+        ),
     };
     let placed = |to_world: Transform| Sensor {
         to_world,
@@ -226,12 +410,9 @@ fn perspective(
     to_world: &AnimatedTransform,
     resolution: [u32; 2],
     focus_distance: f32,
+    window: Option<ScreenWindow>,
 ) -> Result<Projection, SceneError> {
-    let scaled = |keyframe| uniform_scale(keyframe).is_none_or(|scale| (scale - 1.0).abs() > 1e-3);
-    if to_world.keyframes().any(scaled) {
-        let reason = "this camera can be moved, rotated and mirrored, but not scaled or sheared";
-        reader.fault(reader.wrong("to_world", reason))?;
-    }
+    check_unscaled(reader, to_world)?;
     let offset = |name| reader.float_or(name, -10.0..=10.0, 0.0);
     let principal_point = Vec2::new(
         offset("principal_point_offset_x")? as f32,
@@ -244,12 +425,85 @@ fn perspective(
     } else {
         None
     };
-    let fov_x = horizontal_field_of_view(reader, f64::from(resolution[0]) / f64::from(resolution[1]))? as f32;
+    // With a window the angle is that of the interval [-1, 1] of either axis.
+    let aspect = match window {
+        Some(_) => 1.0,
+        None => f64::from(resolution[0]) / f64::from(resolution[1]),
+    };
+    let fov_x = horizontal_field_of_view(reader, aspect)? as f32;
+    let (fov_x, centre) = window.map_or((fov_x, Vec2::ZERO), |window| window.of_perspective(fov_x, resolution));
     Ok(Projection::Perspective {
         fov_x,
-        principal_point,
+        principal_point: principal_point + centre,
         lens,
     })
+}
+
+fn check_unscaled(reader: &Reader, to_world: &AnimatedTransform) -> Result<(), SceneError> {
+    let scaled = |keyframe| uniform_scale(keyframe).is_none_or(|scale| (scale - 1.0).abs() > 1e-3);
+    if to_world.keyframes().any(scaled) {
+        let reason = "this camera can be moved, rotated and mirrored, but not scaled or sheared";
+        reader.fault(reader.wrong("to_world", reason))?;
+    }
+    Ok(())
+}
+
+/// The part of the plane before the camera that the image shows, in units of half of what `fov` sees, or of an orthographic camera's axes.
+/// It runs from left to right and from bottom to top, as in pbrt.
+#[derive(Clone, Copy)]
+struct ScreenWindow {
+    middle: Vec2,
+    half_width: f32,
+}
+
+impl ScreenWindow {
+    /// The horizontal field of view [radians] and the principal point [share of the image] of a camera whose interval [-1, 1] is seen
+    /// under `fov`.
+    fn of_perspective(self, fov: f32, [width, height]: [u32; 2]) -> (f32, Vec2) {
+        let half_width = tan(0.5 * fov) * self.half_width;
+        let half_height = self.half_width * height as f32 / width as f32;
+        let middle = 0.5 * self.middle / Vec2::new(self.half_width, -half_height);
+        (2.0 * atan2(half_width, 1.0), middle)
+    }
+
+    /// Maps the image of an orthographic camera to the part of it.
+    fn of_plane(self) -> Transform {
+        let middle = Vec2::new(-self.middle.x, self.middle.y);
+        window(middle, self.half_width)
+    }
+}
+
+/// `screen_window`: four numbers, x from and to, y from and to.
+fn screen_window(reader: &Reader, resolution: [u32; 2]) -> Result<Option<ScreenWindow>, SceneError> {
+    let Some(text) = reader.string("screen_window")? else {
+        return Ok(None);
+    };
+    let words = text.split([' ', ',']).filter(|word| !word.is_empty());
+    let numbers: Option<Vec<f32>> = words.map(|word| word.parse().ok()).collect();
+    let window = match numbers.as_deref() {
+        Some(&[left, right, bottom, top]) if left < right && bottom < top => Some([left, right, bottom, top]),
+        _ => None,
+    };
+    let window = window.filter(|window| window.iter().all(|number| number.abs() <= 1e6));
+    let Some([left, right, bottom, top]) = window else {
+        let reason = format!(
+            "`{}` is not four numbers up to 1e6: x from and to, y from and to",
+            shortened(text)
+        );
+        return Err(reader.wrong("screen_window", reason));
+    };
+    let (width, height) = (right - left, top - bottom);
+    let pixel_aspect = width / height * resolution[1] as f32 / resolution[0] as f32;
+    if (pixel_aspect - 1.0).abs() > 1e-3 {
+        reader.warn_of(
+            "screen_window",
+            "pixels are square: the window is as high as its width and the film's shape make it",
+        );
+    }
+    Ok(Some(ScreenWindow {
+        middle: Vec2::new(0.5 * (left + right), 0.5 * (bottom + top)),
+        half_width: 0.5 * width,
+    }))
 }
 
 fn check_position(reader: &Reader, position: Vec3) -> Result<(), SceneError> {
@@ -361,7 +615,7 @@ fn focal_length(reader: &Reader) -> Result<Option<f64>, SceneError> {
     })
 }
 
-fn film_settings(reader: &Reader, description: &Description, limits: &Limits) -> Result<FilmSettings, SceneError> {
+fn film_settings(reader: &Reader, description: &Description, limits: &Limits) -> Result<Frame, SceneError> {
     match reader.object.plugin.as_str() {
         "hdrfilm" | "ldrfilm" | "tiledhdrfilm" | "mfilm" => {}
         other @ "specfilm" => reader.warn(
@@ -377,22 +631,10 @@ fn film_settings(reader: &Reader, description: &Description, limits: &Limits) ->
         size("width", DEFAULT_RESOLUTION[0])?,
         size("height", DEFAULT_RESOLUTION[1])?,
     ];
-    let pixels = u64::from(resolution[0]) * u64::from(resolution[1]);
+    let (x, width) = crop_interval(reader, ["crop_offset_x", "crop_width"], resolution[0])?;
+    let (y, height) = crop_interval(reader, ["crop_offset_y", "crop_height"], resolution[1])?;
+    let pixels = u64::from(width) * u64::from(height);
     within(reader.place(), "number of pixels of the film", pixels, limits.pixels)?;
-    for (name, whole) in [
-        ("crop_offset_x", 0),
-        ("crop_offset_y", 0),
-        ("crop_width", resolution[0]),
-        ("crop_height", resolution[1]),
-    ] {
-        if reader
-            .integer(name, 0..=i64::MAX)?
-            .is_some_and(|value| value != i64::from(whole))
-        {
-            let reason = format!("crops are not supported; leave it out or set it to {whole}");
-            reader.fault(reader.wrong(name, reason))?;
-        }
-    }
     // Samples belong to one pixel each, so that edges need no border; and files are written in the formats of this program.
     reader.ignore(&FILM_WITHOUT_EFFECT);
     let filter = match reader.only_child(Kind::Filter)? {
@@ -403,7 +645,21 @@ fn film_settings(reader: &Reader, description: &Description, limits: &Limits) ->
         None => DEFAULT_FILTER,
     };
     reader.finish();
-    Ok(FilmSettings { resolution, filter })
+    Ok(Frame {
+        whole: resolution,
+        offset: [x, y],
+        size: [width, height],
+        filter,
+    })
+}
+
+/// Where the window of a film of `whole` pixels begins along an axis, and how long it is: the properties `names`, and without them all.
+fn crop_interval(reader: &Reader, names: [&str; 2], whole: u32) -> Result<(u32, u32), SceneError> {
+    let last = i64::from(whole) - 1;
+    let offset = reader.integer(names[0], 0..=last)?.unwrap_or(0) as u32;
+    let left = whole - offset;
+    let size = reader.integer(names[1], 1..=i64::from(left))?.unwrap_or(left.into());
+    Ok((offset, size as u32))
 }
 
 fn reconstruction_filter(reader: &Reader) -> Result<Filter, SceneError> {

@@ -131,6 +131,8 @@ impl Builder<'_, '_> {
         let flip = reader.boolean("flip_normals", false)?;
         let bsdf = reader.only_child(Kind::Bsdf)?;
         let emitter = reader.only_child(Kind::Emitter)?;
+        // What measures the light that arrives here is read with the scene's sensors.
+        reader.children(Kind::Sensor);
         let children = [bsdf, emitter].into_iter().flatten();
         self.attributes = MeshAttributes::asked_by(self.description, children.map(|child| child.target));
         // What shows a mesh's attributes is built when the mesh is there.

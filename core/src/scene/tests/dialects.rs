@@ -63,10 +63,6 @@ fn what_changes_the_picture_is_warned_about() {
             "main.xml:3: <integrator type=\"pppm\">: property `alhpa` is not known here and left out; did you mean `alpha`?",
         ),
         (
-            "<integrator type='path'><boolean name='hideEmitters' value='true'/></integrator>",
-            "main.xml:3: <integrator type=\"path\">: `hide_emitters`: lights stay visible",
-        ),
-        (
             "<sensor type='perspective'><film type='hdrfilm'><rfilter type='mitchell'/></film></sensor>",
             "main.xml:3: <rfilter type=\"mitchell\">: type `mitchell`: its negative lobes",
         ),

@@ -46,6 +46,7 @@ pub(crate) fn read(
         faults: faults.clone(),
         warnings: warnings.clone(),
         incomplete: false,
+        old_dialect: false,
     };
     let read = reader.file(file, &place, &[], None, 1);
     read.map_err(|found| faults.all_but_last(found.into_list()))?;
@@ -72,6 +73,8 @@ struct XmlReader<'r, 'f> {
     warnings: Rc<Warnings>,
     /// Whether a fault has lost what would define ids and parameters.
     incomplete: bool,
+    /// Whether the file that is read is one for Mitsuba 0.x.
+    old_dialect: bool,
 }
 
 /// Where an element stands.
@@ -97,9 +100,11 @@ impl XmlReader<'_, '_> {
             let place = place.clone();
             return Err(SceneError::IncludeCycle { place, chain }.into());
         }
+        let outer_dialect = self.old_dialect;
         self.open_files.push(file.name.clone());
         let result = self.content(file, search, parent, depth);
         self.open_files.pop();
+        self.old_dialect = outer_dialect;
         result
     }
 
@@ -118,6 +123,7 @@ impl XmlReader<'_, '_> {
         let mut attributes = self.attributes(&document, root, &["version", "type", "id", "name"])?;
         if let Some(version) = attributes.take("version") {
             attributes.check(names::check_version(&place, &version));
+            self.old_dialect = version.trim().starts_with("0.");
         }
         for fault in attributes.faults {
             self.faults.note(fault)?;
@@ -262,7 +268,10 @@ impl XmlReader<'_, '_> {
             self.objects[context.parent].children.push(child);
         }
         let search = self.objects[context.parent].search.clone();
-        let object = Object::new(kind, &plugin.unwrap_or_default(), None, place, search);
+        let mut object = Object::new(kind, &plugin.unwrap_or_default(), None, place, search);
+        if self.old_dialect {
+            names::mark_old_dialect(&mut object);
+        }
         object.faulty.set(!attributes.faults.is_empty());
         self.objects.push(object);
         if !attributes.faults.is_empty() {

@@ -1,6 +1,6 @@
 //! Names of elements, attributes and properties in the format's dialects.
 
-use super::super::description::Kind;
+use super::super::description::{Kind, Object, Property, Value};
 use super::super::error::{Place, SceneError, shortened};
 
 /// Property names of the 0.x dialect in the form of today: `toWorld` is `to_world`, `intIOR` is `int_ior`.
@@ -25,6 +25,17 @@ pub(super) fn snake_case(name: &str) -> String {
 /// Transform operations of the 0.x dialect in the form of today.
 pub(super) fn operation(element: &str) -> &str {
     if element == "lookAt" { "lookat" } else { element }
+}
+
+/// Says of an object in a file for Mitsuba 0.x that it is one, where its type means something else in Mitsuba 3: up is +y for a `sunsky`
+/// then, and its sun is another.
+pub(super) fn mark_old_dialect(object: &mut Object) {
+    if object.kind == Kind::Emitter && object.plugin == "sunsky" {
+        let place = object.place.clone();
+        let value = Value::Boolean(true);
+        let property = Property { value, place };
+        object.properties.insert("old_dialect".to_owned(), property);
+    }
 }
 
 /// Checks a file's `version` attribute: 0.4 to 3.x.
