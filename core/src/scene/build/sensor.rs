@@ -37,7 +37,12 @@ impl View {
     /// Whether up in the picture is down in a world whose up is y, as in Mitsuba, or z, as in Blender. A camera that looks along
     /// -y may be one that looks straight down where y is up.
     pub(super) fn is_upside_down(&self) -> bool {
-        if matches!(self.sensor.projection, Projection::Irradiance { .. }) {
+        let is_meter = match self.sensor.projection {
+            Projection::Irradiance { .. } => true,
+            Projection::Perspective { fov_x, .. } => fov_x <= METER_FOV,
+            Projection::Orthographic | Projection::Spherical => false,
+        };
+        if is_meter {
             return false;
         }
         let [up, forward] = [Vec3::Y, Vec3::Z].map(|axis| self.sensor.to_world.vector(axis).normalize_or_zero());

@@ -98,6 +98,8 @@ fn meters_and_the_spherical_camera_are_built() {
         assert!((ray.origin - Vec3::new(1.0, 2.0, -5.0)).length() < 1e-5);
         assert!((ray.direction - Vec3::Z).length() < 1e-5, "{ray:?}");
     }
+    let downwards = scene("<sensor type='radiancemeter'><vector name='direction' value='0.1 -0.2 -1'/></sensor>");
+    assert_eq!(warnings(&downwards), Vec::<String>::new());
     let rectangle =
         "<shape type='rectangle'><transform name='to_world'><scale value='2'/><translate z='-4'/></transform>";
     let on_shape = format!("{LIGHT}{BALL}{rectangle}<sensor type='irradiancemeter' id='lux'/></shape>");
