@@ -18,7 +18,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 11] = [
+pub const TARGETS: [Target; 12] = [
     Target {
         name: "message",
         run: wire::message,
@@ -43,6 +43,11 @@ pub const TARGETS: [Target; 11] = [
         name: "scene",
         run: input::scene,
         seeds: seeds::scenes,
+    },
+    Target {
+        name: "pbrt",
+        run: input::pbrt,
+        seeds: seeds::pbrt,
     },
     Target {
         name: "obj",

@@ -44,7 +44,6 @@ impl Description {
 }
 
 /// A description that a front end writes object by object. Object 0 is the scene.
-#[allow(dead_code)]
 pub(crate) struct Draft {
     pub(crate) objects: Vec<Object>,
     pub(crate) ids: BTreeMap<String, ObjectId>,
@@ -52,7 +51,6 @@ pub(crate) struct Draft {
     pub(crate) warnings: Rc<Warnings>,
 }
 
-#[allow(dead_code)]
 impl Draft {
     /// A scene without objects. `search` are the folders in which its files are looked for.
     pub(crate) fn new(place: Place, search: Arc<[String]>, faults: &Rc<Faults>, warnings: &Rc<Warnings>) -> Self {

@@ -32,11 +32,10 @@ impl Format {
 
     /// By the ending of the name; where that says nothing, by how the file begins.
     pub(crate) fn of(file: &LoadedFile) -> Self {
-        let ending = file
-            .name
-            .rsplit_once('.')
-            .map(|(_, ending)| ending.to_ascii_lowercase());
-        match ending.as_deref() {
+        let name = file.name.to_ascii_lowercase();
+        // pbrt reads scenes that are packed as well.
+        let ending = name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.');
+        match ending.map(|(_, ending)| ending) {
             Some("pbrt") => Self::Pbrt,
             Some("gltf" | "glb") => Self::Gltf,
             Some("xml") => Self::Mitsuba,
@@ -81,6 +80,7 @@ mod tests {
     fn the_format_is_that_of_the_name_or_of_how_the_file_begins() {
         for (name, content, format) in [
             ("a.PBRT", "", Format::Pbrt),
+            ("a.pbrt.gz", "", Format::Pbrt),
             ("a.glb", "", Format::Gltf),
             ("a.xml", "# no xml", Format::Mitsuba),
             ("a.txt", "\n # Exported\nCamera", Format::Pbrt),

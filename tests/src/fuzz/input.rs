@@ -23,9 +23,14 @@ const PIXELS: u32 = 64;
 
 /// Loads the scene; an error names its file.
 fn load(main: &[u8], file: Option<(&str, &[u8])>) -> Option<Scene> {
-    let mut files = BTreeMap::from([("main.xml".to_owned(), main.to_vec())]);
+    load_named("main.xml", main, file)
+}
+
+/// As [`load`], of a file whose name says its format.
+fn load_named(name: &str, main: &[u8], file: Option<(&str, &[u8])>) -> Option<Scene> {
+    let mut files = BTreeMap::from([(name.to_owned(), main.to_vec())]);
     files.extend(file.map(|(name, bytes)| (name.to_owned(), bytes.to_vec())));
-    match Scene::load(&files, "main.xml", &BTreeMap::new(), &limits()) {
+    match Scene::load(&files, name, &BTreeMap::new(), &limits()) {
         Ok(scene) => Some(scene),
         Err(faults) => {
             faults.all().iter().for_each(check);
@@ -44,7 +49,16 @@ fn check(error: &SceneError) {
 
 /// A scene file. What loads can be rendered: no panic, and no pixel that is not a number.
 pub(super) fn scene(bytes: &[u8]) {
-    let Some(scene) = load(bytes, None) else { return };
+    rendered(load(bytes, None));
+}
+
+/// As [`scene`], in the format of pbrt.
+pub(super) fn pbrt(bytes: &[u8]) {
+    rendered(load_named("main.pbrt", bytes, None));
+}
+
+fn rendered(scene: Option<Scene>) {
+    let Some(scene) = scene else { return };
     let [width, height] = scene.film.resolution;
     if u64::from(width) * u64::from(height) > u64::from(PIXELS) {
         return;

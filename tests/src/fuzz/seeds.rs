@@ -116,6 +116,23 @@ pub(super) fn replies() -> Vec<Vec<u8>> {
     bodies.iter().map(|body| body.to_string().into_bytes()).collect()
 }
 
+pub(super) fn pbrt() -> Vec<Vec<u8>> {
+    let view = "Film \"rgb\" \"integer xresolution\" 4 \"integer yresolution\" [4]\nLookAt 0 0 -5 0 0 0 0 1 0\n\
+        Camera \"perspective\" \"float fov\" 40 Sampler \"halton\" \"integer pixelsamples\" 1\nWorldBegin\n";
+    let glowing = "AttributeBegin AreaLightSource \"diffuse\" \"blackbody L\" 3000 \"float power\" 10\n\
+        Translate 0 2 0 Shape \"sphere\" \"float radius\" 0.5 AttributeEnd\n\
+        Shape \"trianglemesh\" \"point3 P\" [-1 -1 0 1 -1 0 0 1 0] \"integer indices\" [0 1 2] # a comment\n";
+    let textured = "LightSource \"infinite\" \"rgb L\" [1 2 3]\nTexture \"t\" \"float\" \"constant\" \"float value\" 0.2\n\
+        MakeNamedMaterial \"m\" \"string type\" \"conductor\" \"texture roughness\" \"t\" \"spectrum eta\" [400 1 700 2]\n\
+        NamedMaterial \"m\" Rotate 30 1 0 0 Shape \"disk\" \"float innerradius\" 0.3\n\
+        Material \"dielectric\" \"float eta\" 1.3 Shape \"bilinearmesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 1 1 1]\n";
+    let objects = "ObjectBegin \"o\" Shape \"loopsubdiv\" \"integer levels\" 1 \"point3 P\" [0 0 0 1 0 0 0 1 0]\n\
+        \"integer indices\" [0 1 2] ObjectEnd ActiveTransform EndTime Translate 1 0 0 ActiveTransform All\n\
+        Transform [1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1] Shape \"cylinder\" LightSource \"distant\"\n";
+    let scene = |content: &str| format!("{view}{content}").into_bytes();
+    vec![scene(glowing), scene(textured), scene(objects)]
+}
+
 pub(super) fn scenes() -> Vec<Vec<u8>> {
     let sensor = "<sensor type='thinlens'><float name='aperture_radius' value='0.1'/><transform name='toWorld'>\
         <lookat origin='0,0,5' target='0 0 0' up='0 1 0'/><rotate y='1' angle='10'/></transform>\

@@ -67,6 +67,32 @@ pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
     Ok(rgb)
 }
 
+/// The radiance of a black body at a wavelength [nm], in [W/(m^2 sr nm)]: Planck's law.
+pub(crate) fn planck(nm: f64, kelvin: f64) -> f64 {
+    // Speed of light [m/s], Planck's constant [J s] and Boltzmann's [J/K], exact since 2019.
+    const C: f64 = 299_792_458.0;
+    const H: f64 = 6.626_070_15e-34;
+    const K: f64 = 1.380_649e-23;
+    let wavelength = nm * 1e-9;
+    let fifth = wavelength * wavelength * wavelength * wavelength * wavelength;
+    let per_metre = 2.0 * H * C * C / (fifth * libm::expm1(H * C / (wavelength * K * kelvin)));
+    per_metre * 1e-9
+}
+
+/// `scale` times the radiance of a black body [W/(m^2 sr nm)], every 5 nm.
+pub(crate) fn blackbody(kelvin: f64, scale: f64) -> Vec<(f64, f64)> {
+    let sample = |nm: i32| (f64::from(nm), scale * planck(f64::from(nm), kelvin));
+    (360..=830).step_by(5).map(sample).collect()
+}
+
+/// Linear Rec. 709 of a piecewise linear spectrum of light, scaled to luminance 1; negative channels count as 0. `None` where none of it
+/// is seen.
+pub(crate) fn unit_luminance(samples: &[(f64, f64)]) -> Option<[f64; 3]> {
+    let xyz = sampled_to_xyz(samples, false);
+    let luminance = xyz[1];
+    (luminance > 0.0).then(|| xyz_to_rgb(xyz.map(|value| value / luminance)).map(|channel| channel.max(0.0)))
+}
+
 /// Samples of the integral over wavelength.
 const SAMPLES: usize = 1000;
 /// Integral of the observer's y [nm]; divides emission so that the constant spectrum 1 has luminance 1.
@@ -75,10 +101,15 @@ const Y_INTEGRAL: f64 = 106.750_259_399_414_06;
 const D65_LUMINANCE: f64 = 98.997_417_518_762_55;
 
 /// Linear Rec. 709 of a piecewise linear spectrum, zero outside its samples; under D65 or as emitted.
+fn sampled_to_rgb(samples: &[(f64, f64)], under_d65: bool) -> [f64; 3] {
+    xyz_to_rgb(sampled_to_xyz(samples, under_d65))
+}
+
+/// CIE XYZ of a piecewise linear spectrum, zero outside its samples; under D65 or as emitted.
 ///
 /// `[X Y Z] = 1 / 106.75 * integral of s(l) i(l) [x y z](l) dl` with `i` the illuminant, by [`SAMPLES`] equidistant
 /// samples each standing for a thousandth of the range, the rule of Mitsuba.
-fn sampled_to_rgb(samples: &[(f64, f64)], under_d65: bool) -> [f64; 3] {
+fn sampled_to_xyz(samples: &[(f64, f64)], under_d65: bool) -> [f64; 3] {
     let mut xyz = [0.0; 3];
     for i in 0..SAMPLES {
         let wavelength = cie::FIRST + (cie::LAST - cie::FIRST) * i as f64 / (SAMPLES - 1) as f64;
@@ -91,7 +122,7 @@ fn sampled_to_rgb(samples: &[(f64, f64)], under_d65: bool) -> [f64; 3] {
             *sum += weight * light;
         }
     }
-    xyz_to_rgb(xyz.map(|sum| sum * (cie::LAST - cie::FIRST) / SAMPLES as f64 / Y_INTEGRAL))
+    xyz.map(|sum| sum * (cie::LAST - cie::FIRST) / SAMPLES as f64 / Y_INTEGRAL)
 }
 
 fn interpolate(samples: &[(f64, f64)], wavelength: f64) -> Option<f64> {
@@ -111,7 +142,7 @@ fn observer(wavelength: f64) -> [f64; 4] {
 }
 
 /// CIE XYZ to linear Rec. 709 (IEC 61966-2-1, unrounded).
-fn xyz_to_rgb([x, y, z]: [f64; 3]) -> [f64; 3] {
+pub(crate) fn xyz_to_rgb([x, y, z]: [f64; 3]) -> [f64; 3] {
     [
         3.240_479 * x - 1.537_150 * y - 0.498_535 * z,
         -0.969_256 * x + 1.875_991 * y + 0.041_556 * z,

@@ -2,6 +2,7 @@
 
 use super::super::description::{SpectrumValue, Value};
 use super::super::error::{Place, SceneError};
+use super::super::spectrum::blackbody;
 use super::attributes::{Attributes, ElementFaults};
 use super::document::Document;
 use super::{Context, XmlReader, names, transform, values};
@@ -108,7 +109,7 @@ impl XmlReader<'_, '_> {
         };
         let value = kelvin
             .zip(scale)
-            .map(|(kelvin, scale)| Value::Spectrum(values::blackbody(kelvin, scale)));
+            .map(|(kelvin, scale)| Value::Spectrum(SpectrumValue::Sampled(blackbody(kelvin, scale))));
         attributes.settle(name.zip(value))
     }
 

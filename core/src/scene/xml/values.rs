@@ -87,23 +87,6 @@ pub(super) fn temperature(kelvin: f64) -> Result<f64, String> {
     Err(format!("{kelvin} K is out of range; allowed: 100 to 1000000"))
 }
 
-/// `scale` times the radiance of a black body [W/(m^2 sr nm)], by Planck's law.
-pub(super) fn blackbody(kelvin: f64, scale: f64) -> SpectrumValue {
-    // Speed of light [m/s], Planck's constant [J s] and Boltzmann's [J/K], exact since 2019.
-    const C: f64 = 299_792_458.0;
-    const H: f64 = 6.626_070_15e-34;
-    const K: f64 = 1.380_649e-23;
-    // Between samples [nm].
-    const STEP: usize = 5;
-    let radiance = |nm: usize| {
-        let wavelength = nm as f64 * 1e-9;
-        let fifth = wavelength * wavelength * wavelength * wavelength * wavelength;
-        let per_metre = 2.0 * H * C * C / (fifth * libm::expm1(H * C / (wavelength * K * kelvin)));
-        (nm as f64, scale * per_metre * 1e-9)
-    };
-    SpectrumValue::Sampled((360..=830).step_by(STEP).map(radiance).collect())
-}
-
 /// One number, or `wavelength:value` pairs.
 pub(super) fn spectrum(text: &str) -> Result<SpectrumValue, String> {
     let parts: Vec<&str> = tokens(text).collect();

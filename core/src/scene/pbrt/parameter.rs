@@ -1,0 +1,521 @@
+//! The parameters of a directive: `"float fov" [45]`.
+
+use super::colour::ColourSpace;
+use super::token::{Token, Tokens};
+use crate::math::Vec3;
+use crate::scene::error::{Place, SceneError, did_you_mean, list, shortened};
+use crate::scene::faults::Faults;
+use crate::scene::warning::Warnings;
+use glam::DVec3;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeSet;
+use std::rc::Rc;
+
+/// What a parameter is declared as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Type {
+    Boolean,
+    Integer,
+    Float,
+    /// Points, vectors and normals of two or three coordinates.
+    Vector,
+    Text,
+    Texture,
+    Rgb,
+    Xyz,
+    Spectrum,
+    Blackbody,
+}
+
+impl Type {
+    /// By the name in pbrt-v4 or pbrt-v3.
+    fn of(name: &str) -> Option<Self> {
+        Some(match name {
+            "bool" => Self::Boolean,
+            "integer" => Self::Integer,
+            "float" => Self::Float,
+            "point" | "point2" | "point3" | "vector" | "vector2" | "vector3" | "normal" | "normal3" => Self::Vector,
+            "string" => Self::Text,
+            "texture" => Self::Texture,
+            "rgb" | "color" => Self::Rgb,
+            "xyz" => Self::Xyz,
+            "spectrum" => Self::Spectrum,
+            "blackbody" => Self::Blackbody,
+            _ => return None,
+        })
+    }
+}
+
+/// The values of a parameter.
+#[derive(Debug, PartialEq)]
+pub(super) enum Values {
+    Numbers(Vec<f64>),
+    /// Of long lists of coordinates, which end up in single precision.
+    Coordinates(Vec<f32>),
+    Integers(Vec<i32>),
+    Booleans(Vec<bool>),
+    Texts(Vec<String>),
+}
+
+impl Values {
+    fn len(&self) -> usize {
+        match self {
+            Self::Numbers(values) => values.len(),
+            Self::Coordinates(values) => values.len(),
+            Self::Integers(values) => values.len(),
+            Self::Booleans(values) => values.len(),
+            Self::Texts(values) => values.len(),
+        }
+    }
+
+    /// The numbers among them in double precision.
+    fn numbers(&self) -> Vec<f64> {
+        match self {
+            Self::Numbers(values) => values.clone(),
+            Self::Coordinates(values) => values.iter().map(|value| f64::from(*value)).collect(),
+            Self::Integers(values) => values.iter().map(|value| f64::from(*value)).collect(),
+            Self::Booleans(_) | Self::Texts(_) => Vec::new(),
+        }
+    }
+}
+
+/// A parameter as written.
+#[derive(Debug)]
+pub(super) struct Parameter {
+    pub(super) kind: Type,
+    /// The type as it is written.
+    written: String,
+    pub(super) name: String,
+    pub(super) values: Values,
+    pub(super) place: Place,
+    pub(super) space: ColourSpace,
+    used: Cell<bool>,
+}
+
+/// The parameters of one directive, which notes those that are asked for.
+pub(super) struct Parameters {
+    /// What messages call the directive: `Shape "sphere"`.
+    pub(super) context: String,
+    pub(super) place: Place,
+    own: Vec<Rc<Parameter>>,
+    /// What an `Attribute` before has set for directives that do not say it.
+    defaults: Rc<Vec<Rc<Parameter>>>,
+    pub(super) faults: Rc<Faults>,
+    pub(super) warnings: Rc<Warnings>,
+    /// The names that were asked for.
+    asked: RefCell<BTreeSet<String>>,
+}
+
+impl Parameters {
+    /// Reads the parameters that follow in `tokens`.
+    pub(super) fn read(
+        tokens: &mut Tokens,
+        context: String,
+        space: ColourSpace,
+        faults: &Rc<Faults>,
+        warnings: &Rc<Warnings>,
+    ) -> Result<Self, SceneError> {
+        let place = tokens.place();
+        let mut own = Vec::new();
+        while tokens.peek() == Some(b'"') {
+            if let Some(parameter) = parameter(tokens, &context, space, faults)? {
+                own.push(Rc::new(parameter));
+            }
+        }
+        Ok(Self {
+            context,
+            place,
+            own,
+            defaults: Rc::default(),
+            faults: faults.clone(),
+            warnings: warnings.clone(),
+            asked: RefCell::default(),
+        })
+    }
+
+    /// The same parameters, and for those that are not among them `defaults`.
+    pub(super) fn with_defaults(mut self, defaults: &Rc<Vec<Rc<Parameter>>>) -> Self {
+        self.defaults = defaults.clone();
+        self
+    }
+
+    /// The parameters themselves, as defaults of others.
+    pub(super) fn into_own(self) -> Vec<Rc<Parameter>> {
+        self.own
+    }
+
+    /// Whether a parameter of this name and kind is written, which does not count as asking for it.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.own
+            .iter()
+            .chain(self.defaults.iter())
+            .any(|parameter| parameter.name == name)
+    }
+
+    /// The last parameter of the name.
+    pub(super) fn find(&self, name: &str) -> Option<&Parameter> {
+        self.asked.borrow_mut().insert(name.to_owned());
+        let mut found = None;
+        for parameter in self.defaults.iter().chain(&self.own) {
+            if parameter.name == name {
+                parameter.used.set(true);
+                found = Some(&**parameter);
+            }
+        }
+        found
+    }
+
+    /// An error about the parameter `name`.
+    pub(super) fn wrong(&self, name: &str, reason: impl Into<String>) -> SceneError {
+        let written = self
+            .own
+            .iter()
+            .chain(self.defaults.iter())
+            .find(|parameter| parameter.name == name);
+        let place = written.map_or(&self.place, |parameter| &parameter.place);
+        SceneError::value(place, format!("{} `{name}`", self.context), reason)
+    }
+
+    /// Notes a fault; the parameter counts as not written.
+    pub(super) fn fault<T>(&self, name: &str, reason: impl Into<String>) -> Result<Option<T>, SceneError> {
+        self.faults.note(self.wrong(name, reason)).map(|()| None)
+    }
+
+    /// Warns about the directive.
+    pub(super) fn warn(&self, message: &str) {
+        self.warnings.note(&self.place, format!("{}: {message}", self.context));
+    }
+
+    /// Warns about the parameter `name`.
+    pub(super) fn warn_of(&self, name: &str, message: &str) {
+        let written = self
+            .own
+            .iter()
+            .chain(self.defaults.iter())
+            .find(|parameter| parameter.name == name);
+        let place = written.map_or(&self.place, |parameter| &parameter.place);
+        self.warnings
+            .note(place, format!("{} `{name}`: {message}", self.context));
+    }
+
+    /// Accepts parameters that change nothing here.
+    pub(super) fn ignore(&self, names: &[&str]) {
+        for name in names {
+            self.find(name);
+        }
+    }
+
+    /// Accepts all parameters, of what is known by its name only.
+    pub(super) fn ignore_all(&self) {
+        self.own.iter().for_each(|parameter| parameter.used.set(true));
+    }
+
+    /// Warns about parameters that are written and do not exist here.
+    pub(super) fn finish(&self) {
+        let asked = self.asked.borrow();
+        let known = list(asked.iter().map(String::as_str));
+        for parameter in self.own.iter().filter(|parameter| !parameter.used.get()) {
+            let hint = did_you_mean(&parameter.name, &known);
+            let (kind, name) = (shortened(&parameter.written), shortened(&parameter.name));
+            let message = format!(
+                "{}: parameter \"{kind} {name}\" is not known here and left out;{hint} known: {known}",
+                self.context
+            );
+            self.warnings.note(&parameter.place, message);
+        }
+    }
+
+    /// The numbers of a parameter of one of `kinds`, of which there must be `count`.
+    fn numbers(&self, name: &str, kinds: &[Type], count: usize) -> Result<Option<Vec<f64>>, SceneError> {
+        let Some(parameter) = self.find(name) else {
+            return Ok(None);
+        };
+        let numbers = parameter.values.numbers();
+        if !kinds.contains(&parameter.kind) || numbers.len() != count {
+            let expected = match (kinds.first(), count) {
+                (Some(Type::Integer), 1) => "one integer".to_owned(),
+                (_, 1) => "one number".to_owned(),
+                (_, count) => format!("{count} numbers"),
+            };
+            let reason = format!(
+                "expected {expected}, found {} of type \"{}\"",
+                parameter.values.len(),
+                shortened(&parameter.written)
+            );
+            return self.fault(name, reason);
+        }
+        Ok(Some(numbers))
+    }
+
+    pub(super) fn float(&self, name: &str) -> Result<Option<f64>, SceneError> {
+        Ok(self
+            .numbers(name, &[Type::Float, Type::Integer], 1)?
+            .map(|values| values[0]))
+    }
+
+    pub(super) fn float_or(&self, name: &str, default: f64) -> Result<f64, SceneError> {
+        Ok(self.float(name)?.unwrap_or(default))
+    }
+
+    /// A number above zero; others are faults.
+    pub(super) fn positive_or(&self, name: &str, default: f64) -> Result<f64, SceneError> {
+        match self.float(name)? {
+            Some(value) if value <= 0.0 => Ok(self
+                .fault(name, format!("{value} is out of range; allowed: numbers above 0"))?
+                .unwrap_or(default)),
+            value => Ok(value.unwrap_or(default)),
+        }
+    }
+
+    pub(super) fn integer(&self, name: &str) -> Result<Option<i32>, SceneError> {
+        let found = self.numbers(name, &[Type::Integer, Type::Float], 1)?;
+        match found.map(|values| values[0]) {
+            Some(value) if value.fract() != 0.0 || value.abs() > f64::from(i32::MAX) => {
+                self.fault(name, format!("{value} is not an integer"))
+            }
+            value => Ok(value.map(|value| value as i32)),
+        }
+    }
+
+    /// A given number of numbers, such as a window's four sides.
+    pub(super) fn floats<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, SceneError> {
+        let kinds = [Type::Float, Type::Integer, Type::Vector];
+        Ok(self.numbers(name, &kinds, N)?.and_then(|values| values.try_into().ok()))
+    }
+
+    pub(super) fn vector(&self, name: &str) -> Result<Option<DVec3>, SceneError> {
+        let found = self.numbers(name, &[Type::Vector, Type::Float], 3)?;
+        Ok(found.map(|values| DVec3::new(values[0], values[1], values[2])))
+    }
+
+    pub(super) fn boolean(&self, name: &str, default: bool) -> Result<bool, SceneError> {
+        match self.find(name) {
+            None => Ok(default),
+            Some(Parameter {
+                values: Values::Booleans(values),
+                ..
+            }) if values.len() == 1 => Ok(values[0]),
+            Some(_) => Ok(self.fault(name, "expected one of true and false")?.unwrap_or(default)),
+        }
+    }
+
+    pub(super) fn text(&self, name: &str) -> Result<Option<&str>, SceneError> {
+        match self.find(name) {
+            None => Ok(None),
+            Some(Parameter {
+                values: Values::Texts(values),
+                ..
+            }) if values.len() == 1 => Ok(Some(&values[0])),
+            Some(_) => self.fault(name, "expected one text in quotes"),
+        }
+    }
+
+    /// A list of texts.
+    pub(super) fn texts(&self, name: &str) -> Result<Option<&[String]>, SceneError> {
+        match self.find(name) {
+            None => Ok(None),
+            Some(Parameter {
+                values: Values::Texts(values),
+                ..
+            }) => Ok(Some(values)),
+            Some(_) => self.fault(name, "expected texts in quotes"),
+        }
+    }
+
+    /// The name of the texture, where the parameter is one.
+    pub(super) fn texture(&self, name: &str) -> Result<Option<&str>, SceneError> {
+        if self
+            .own
+            .iter()
+            .chain(self.defaults.iter())
+            .any(|p| p.name == name && p.kind == Type::Texture)
+        {
+            return self.text(name);
+        }
+        Ok(None)
+    }
+
+    pub(super) fn integers(&self, name: &str) -> Result<Option<&[i32]>, SceneError> {
+        match self.find(name) {
+            None => Ok(None),
+            Some(Parameter {
+                values: Values::Integers(values),
+                ..
+            }) => Ok(Some(values)),
+            Some(_) => self.fault(name, "expected values of type \"integer\""),
+        }
+    }
+
+    /// Numbers in groups of `N`, in single precision.
+    pub(super) fn groups<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>, SceneError> {
+        let group = |values: &[f32]| -> [f32; N] { std::array::from_fn(|i| values[i]) };
+        let Some(parameter) = self.find(name) else {
+            return Ok(None);
+        };
+        if !parameter.values.len().is_multiple_of(N) {
+            let reason = format!("{} numbers are no multiple of {N}", parameter.values.len());
+            return self.fault(name, reason);
+        }
+        match &parameter.values {
+            Values::Coordinates(values) => Ok(Some(values.chunks_exact(N).map(group).collect())),
+            Values::Numbers(values) => {
+                let values: Vec<f32> = values.iter().map(|value| *value as f32).collect();
+                Ok(Some(values.chunks_exact(N).map(group).collect()))
+            }
+            _ => self.fault(name, "expected numbers"),
+        }
+    }
+
+    /// Points, vectors or normals.
+    pub(super) fn vectors(&self, name: &str) -> Result<Vec<Vec3>, SceneError> {
+        let groups = self.groups::<3>(name)?.unwrap_or_default();
+        Ok(groups.into_iter().map(Vec3::from_array).collect())
+    }
+}
+
+/// The next parameter, or nothing where it has a fault that was noted.
+fn parameter(
+    tokens: &mut Tokens,
+    context: &str,
+    space: ColourSpace,
+    faults: &Faults,
+) -> Result<Option<Parameter>, SceneError> {
+    let place = tokens.place();
+    let declaration = tokens.required_text("a parameter")?;
+    let mut words = declaration.split_ascii_whitespace();
+    let (Some(written), Some(name), None) = (words.next(), words.next(), words.next()) else {
+        let reason = format!("\"{}\" is not of the form \"type name\"", shortened(&declaration));
+        return Err(SceneError::value(&place, context, reason));
+    };
+    let kind = Type::of(written);
+    let values = values(tokens, kind, name)?;
+    let Some(kind) = kind else {
+        let allowed = [
+            "bool",
+            "integer",
+            "float",
+            "point2",
+            "point3",
+            "vector2",
+            "vector3",
+            "normal",
+            "string",
+            "texture",
+            "rgb",
+            "spectrum",
+            "blackbody",
+        ];
+        faults.note(SceneError::unknown(&place, context, "parameter type", written, allowed))?;
+        return Ok(None);
+    };
+    if values.len() == 0 {
+        faults.note(SceneError::value(
+            &place,
+            format!("{context} `{name}`"),
+            "it has no values",
+        ))?;
+        return Ok(None);
+    }
+    Ok(Some(Parameter {
+        kind,
+        written: written.to_owned(),
+        name: name.to_owned(),
+        values,
+        place,
+        space,
+        used: Cell::new(false),
+    }))
+}
+
+/// The values of a parameter: one, or a list in brackets.
+fn values(tokens: &mut Tokens, kind: Option<Type>, name: &str) -> Result<Values, SceneError> {
+    let listed = tokens.peek() == Some(b'[');
+    if listed {
+        tokens.next()?;
+    }
+    match tokens.peek() {
+        None => Err(tokens.broken(format!("the value of `{}` is missing", shortened(name)))),
+        Some(b'"') => texts(tokens, kind, listed),
+        Some(b't' | b'f' | b'T' | b'F') => booleans(tokens, listed),
+        Some(_) if kind == Some(Type::Integer) => {
+            let mut found = Vec::new();
+            let mut broken = None;
+            let mut add = |found: &mut Vec<i32>, value: f64| {
+                if value.fract() != 0.0 || value.abs() > f64::from(i32::MAX) {
+                    broken = Some(value);
+                }
+                found.push(value as i32);
+            };
+            match listed {
+                true => {
+                    found.reserve_exact(tokens.count());
+                    tokens.numbers(|value| add(&mut found, value))?;
+                }
+                false => add(&mut found, tokens.required_number()?),
+            }
+            match broken {
+                Some(value) => Err(tokens.broken(format!("`{}`: {value} is not an integer", shortened(name)))),
+                None => Ok(Values::Integers(found)),
+            }
+        }
+        Some(_) if kind == Some(Type::Vector) || matches!(name, "P" | "N" | "S" | "uv" | "st") => {
+            let mut found = Vec::new();
+            match listed {
+                true => {
+                    found.reserve_exact(tokens.count());
+                    tokens.numbers(|value| found.push(value as f32))?;
+                }
+                false => found.push(tokens.required_number()? as f32),
+            }
+            Ok(Values::Coordinates(found))
+        }
+        Some(_) => {
+            let mut found = Vec::new();
+            match listed {
+                true => tokens.numbers(|value| found.push(value))?,
+                false => found.push(tokens.required_number()?),
+            }
+            Ok(Values::Numbers(found))
+        }
+    }
+}
+
+/// Texts; those of a `bool` are what pbrt-v3 writes for `true` and `false`.
+fn texts(tokens: &mut Tokens, kind: Option<Type>, listed: bool) -> Result<Values, SceneError> {
+    let mut found = Vec::new();
+    loop {
+        match tokens.peek() {
+            Some(b']') if listed => {
+                tokens.next()?;
+                break;
+            }
+            _ => found.push(tokens.required_text("a value")?),
+        }
+        if !listed {
+            break;
+        }
+    }
+    if kind != Some(Type::Boolean) {
+        return Ok(Values::Texts(found));
+    }
+    let truth = |text: &String| match text.as_str() {
+        "true" => Ok(true),
+        "false" => Ok(false),
+        other => Err(tokens.broken(format!("`{}` is neither true nor false", shortened(other)))),
+    };
+    found.iter().map(truth).collect::<Result<_, _>>().map(Values::Booleans)
+}
+
+fn booleans(tokens: &mut Tokens, listed: bool) -> Result<Values, SceneError> {
+    let mut found = Vec::new();
+    loop {
+        match tokens.next()? {
+            Some(Token::Close) if listed => return Ok(Values::Booleans(found)),
+            Some(Token::Word(word)) if word == "true" || word == "false" => found.push(word == "true"),
+            _ => return Err(tokens.broken("expected true or false")),
+        }
+        if !listed {
+            return Ok(Values::Booleans(found));
+        }
+    }
+}
