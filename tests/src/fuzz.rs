@@ -18,7 +18,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 13] = [
     Target {
         name: "message",
         run: wire::message,
@@ -48,6 +48,11 @@ pub const TARGETS: [Target; 12] = [
         name: "pbrt",
         run: input::pbrt,
         seeds: seeds::pbrt,
+    },
+    Target {
+        name: "gltf",
+        run: input::gltf,
+        seeds: seeds::gltf,
     },
     Target {
         name: "obj",

@@ -210,7 +210,6 @@ impl Kind {
 
 /// A typed value. Numbers are finite.
 #[derive(Debug)]
-#[allow(dead_code)]
 pub(crate) enum Value {
     Float(f64),
     Integer(i64),

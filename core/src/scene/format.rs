@@ -60,14 +60,14 @@ pub(crate) fn read(
     let place = Place::whole(main);
     let file = loader.open(&place, &[String::new()], main)?;
     let format = Format::of(&file);
-    if let (Format::Pbrt | Format::Gltf, Some(name)) = (format, defines.keys().next()) {
+    if let (Format::Pbrt, Some(name)) = (format, defines.keys().next()) {
         let context = "definitions";
         return Err(SceneError::unknown(&place, context, "parameter", name, []));
     }
     let description = match format {
         Format::Mitsuba => xml::read(loader, &file, defines, faults, warnings),
         Format::Pbrt => pbrt::read(loader, &file, faults, warnings),
-        Format::Gltf => gltf::read(loader, &file, faults, warnings),
+        Format::Gltf => gltf::read(loader, &file, defines, faults, warnings),
     };
     Ok((format, description?))
 }

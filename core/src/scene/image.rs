@@ -1,4 +1,4 @@
-//! Images: PNG, JPEG, BMP, TGA and Radiance HDR by the `image` crate, OpenEXR by `exr`, PFM by [`pfm`], all into linear colour.
+//! Images: PNG, JPEG, WebP, BMP, TGA and Radiance HDR by the `image` crate, OpenEXR by `exr`, PFM by [`pfm`], all into linear colour.
 
 use super::error::{Place, SceneError, within};
 use super::faults::FileFaults;
@@ -68,7 +68,7 @@ fn read_other(
     texel_limit: u64,
     check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
 ) -> Result<LinearImage, SceneError> {
-    let formats = "allowed: OpenEXR, PFM, PNG, JPEG, BMP, TGA, Radiance HDR";
+    let formats = "allowed: OpenEXR, PFM, PNG, JPEG, WebP, BMP, TGA, Radiance HDR";
     let format = image::guess_format(&file.bytes).ok().or_else(|| {
         file.name
             .to_ascii_lowercase()

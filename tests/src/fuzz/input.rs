@@ -30,7 +30,11 @@ fn load(main: &[u8], file: Option<(&str, &[u8])>) -> Option<Scene> {
 fn load_named(name: &str, main: &[u8], file: Option<(&str, &[u8])>) -> Option<Scene> {
     let mut files = BTreeMap::from([(name.to_owned(), main.to_vec())]);
     files.extend(file.map(|(name, bytes)| (name.to_owned(), bytes.to_vec())));
-    match Scene::load(&files, name, &BTreeMap::new(), &limits()) {
+    load_from(&files, name, &BTreeMap::new())
+}
+
+fn load_from(files: &BTreeMap<String, Vec<u8>>, main: &str, defines: &BTreeMap<String, String>) -> Option<Scene> {
+    match Scene::load(files, main, defines, &limits()) {
         Ok(scene) => Some(scene),
         Err(faults) => {
             faults.all().iter().for_each(check);
@@ -49,16 +53,30 @@ fn check(error: &SceneError) {
 
 /// A scene file. What loads can be rendered: no panic, and no pixel that is not a number.
 pub(super) fn scene(bytes: &[u8]) {
-    rendered(load(bytes, None));
+    if let Some(scene) = load(bytes, None) {
+        render(&scene);
+    }
 }
 
 /// As [`scene`], in the format of pbrt.
 pub(super) fn pbrt(bytes: &[u8]) {
-    rendered(load_named("main.pbrt", bytes, None));
+    if let Some(scene) = load_named("main.pbrt", bytes, None) {
+        render(&scene);
+    }
 }
 
-fn rendered(scene: Option<Scene>) {
-    let Some(scene) = scene else { return };
+/// A glTF file, as JSON or binary.
+pub(super) fn gltf(bytes: &[u8]) {
+    let files = BTreeMap::from([("main.gltf".to_owned(), bytes.to_vec())]);
+    let defines = [("width", "8"), ("frame", "12"), ("shutter", "1")];
+    let defines = defines.map(|(name, value)| (name.to_owned(), value.to_owned()));
+    if let Some(scene) = load_from(&files, "main.gltf", &BTreeMap::from(defines)) {
+        render(&scene);
+    }
+}
+
+/// Renders a scene that is small enough.
+fn render(scene: &Scene) {
     let [width, height] = scene.film.resolution;
     if u64::from(width) * u64::from(height) > u64::from(PIXELS) {
         return;
@@ -68,7 +86,7 @@ fn rendered(scene: Option<Scene>) {
         max_depth: Some(6),
         ..PathSettings::default()
     });
-    if let Ok(iteration) = render_iteration(&scene, &settings, 1, 1, &Unobserved) {
+    if let Ok(iteration) = render_iteration(scene, &settings, 1, 1, &Unobserved) {
         let finite = |pixel: &Spectrum| pixel.to_rgb().iter().all(|value| value.is_finite() && *value >= 0.0);
         assert!(iteration.pixels.iter().all(finite), "a pixel is not finite");
     }

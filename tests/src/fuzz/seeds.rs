@@ -154,6 +154,31 @@ pub(super) fn scenes() -> Vec<Vec<u8>> {
     vec![scene(glowing), scene(glass), scene(moving)]
 }
 
+/// A triangle with a skin, a morph target, an animation, a texture, a camera and a light, as JSON; the buffer is all zeros but for the places.
+pub(super) fn gltf() -> Vec<Vec<u8>> {
+    let json = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 2, 3]}], "nodes": [
+{"mesh": 0, "children": [1], "translation": [0, 0, -2], "weights": [0.5]}, {"rotation": [0, 0, 0.6, 0.8], "mesh": 1, "skin": 0},
+{"camera": 0, "matrix": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,3,1]}, {"extensions": {"KHR_lights_punctual": {"light": 0}}}],
+"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0, "targets": [{"POSITION": 0}]}]},
+{"primitives": [{"attributes": {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2}, "indices": 3, "mode": 5, "material": 1}]}],
+"skins": [{"joints": [1]}], "cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1, "aspectRatio": 2}}],
+"animations": [{"channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+"samplers": [{"input": 4, "output": 5, "interpolation": "LINEAR"}]}],
+"materials": [{"emissiveFactor": [1, 0.5, 0], "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.4}},
+{"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.5, 0.2, 0.5], "roughnessFactor": 0},
+"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.4}}}],
+"extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": 900, "spot": {"outerConeAngle": 0.6}}]}},
+"accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "sparse": {"count": 1,
+"indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0, "byteOffset": 24}}},
+{"bufferView": 1, "byteOffset": 4, "componentType": 5121, "count": 3, "type": "VEC4"}, {"bufferView": 0, "byteOffset": 14, "componentType": 5121, "normalized": true, "count": 3, "type": "VEC4"},
+{"bufferView": 1, "byteOffset": 12, "componentType": 5121, "count": 3, "type": "SCALAR"}, {"bufferView": 0, "byteOffset": 8, "componentType": 5126, "count": 2, "type": "SCALAR"},
+{"bufferView": 0, "componentType": 5126, "count": 2, "type": "VEC3"}],
+"bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24, "byteStride": 4}],
+"buffers": [{"byteLength": 60, "uri": "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAgAAAAAAAAAAAAAAAAAAAAEAAAACAAAA"}]}"#;
+    let file = include_bytes!("../../scenes/gltf/textures.glb").to_vec();
+    vec![json.into(), file]
+}
+
 pub(super) fn obj() -> Vec<Vec<u8>> {
     let square = "# square\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\n\
         g a\nf 1/1/1 2/2/1 3/1/1\nf 1//1 -2//1 4//1\nf 1 2 3 4\n";
