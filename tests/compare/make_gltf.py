@@ -28,6 +28,8 @@ TOLERANCE = 0.03
 def reset():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
+    # What is exported of animations; Blender begins with frame 1.
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 0, 24
     bpy.context.scene.render.resolution_x = WIDTH
     bpy.context.scene.render.resolution_y = HEIGHT
     bpy.context.scene.render.resolution_percentage = 100
