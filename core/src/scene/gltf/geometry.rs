@@ -6,7 +6,8 @@ use super::warnings::Told;
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::{SceneError, shortened, within};
 use crate::scene::limits::Limits;
-use crate::scene::mesh::RawMesh;
+use crate::scene::mesh::{RawAttribute, RawMesh};
+use crate::spectrum::Spectrum;
 use glam::{DMat3, DMat4, DVec3};
 use std::sync::Arc;
 
@@ -103,6 +104,7 @@ impl<'a> Geometry<'a> {
             normals: normals.into_iter().map(Vec3::from_array).collect(),
             uvs: uvs.into_iter().map(Vec2::from_array).collect(),
             triangles,
+            attributes: self.colours(primitive, count, &field)?,
         };
         if !has_area(&raw) {
             self.told
@@ -113,6 +115,27 @@ impl<'a> Geometry<'a> {
             has_normals: !raw.normals.is_empty(),
             mesh: Arc::new(raw),
         }))
+    }
+
+    /// The colours of vertices, which are linear and at most 1.
+    fn colours(&self, primitive: &Primitive, count: u64, field: &str) -> Result<Vec<RawAttribute>, SceneError> {
+        let Some(accessor) = primitive.attributes.get("COLOR_0").copied() else {
+            return Ok(Vec::new());
+        };
+        let field = format!("{field}.COLOR_0");
+        let numbers = self.accessors.numbers(accessor, &[3, 4], &field)?;
+        let width = numbers.len() / (self.accessors.count(accessor, &field)?.max(1) as usize);
+        if numbers.len() as u64 != count * width as u64 {
+            let reason = format!("it has not the {count} elements of `POSITION`");
+            return Err(self.accessors.wrong(field, reason));
+        }
+        let colour =
+            |numbers: &[f32]| Spectrum::from_rgb([numbers[0], numbers[1], numbers[2]].map(|c| c.clamp(0.0, 1.0)));
+        Ok(vec![RawAttribute {
+            name: "vertex_color".into(),
+            of_faces: false,
+            values: numbers.chunks_exact(width).map(colour).collect(),
+        }])
     }
 
     /// `count` vectors of an attribute.

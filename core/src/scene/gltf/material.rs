@@ -40,7 +40,7 @@ const LEFT_OUT: [(&str, &str); 5] = [
 pub(super) struct Materials<'a> {
     document: &'a Document,
     told: &'a Told,
-    made: BTreeMap<Option<usize>, Look>,
+    made: BTreeMap<(Option<usize>, bool), Look>,
     /// Whether glass without a thickness is a solid, as in files of Blender.
     solid_glass: bool,
 }
@@ -55,16 +55,16 @@ impl<'a> Materials<'a> {
         }
     }
 
-    /// What the material `index` looks like; a primitive without one has the default material.
+    /// What the material `index` looks like, on vertices that are coloured or not; a primitive without one has the default material.
     pub(super) fn look(
         &mut self,
-        index: Option<usize>,
+        (index, coloured): (Option<usize>, bool),
         draft: &mut Draft,
         textures: &mut Textures,
         loader: &mut Loader,
         used: &str,
     ) -> Result<Look, SceneError> {
-        if let Some(look) = self.made.get(&index) {
+        if let Some(look) = self.made.get(&(index, coloured)) {
             return Ok(*look);
         }
         let default = Material::default();
@@ -89,10 +89,11 @@ impl<'a> Materials<'a> {
             draft,
             textures,
             loader,
+            coloured,
             uv_set: None,
         };
         let look = maker.make(self.solid_glass)?;
-        self.made.insert(index, look);
+        self.made.insert((index, coloured), look);
         Ok(look)
     }
 }
@@ -105,6 +106,8 @@ struct Maker<'m, 't, 'd, 'l, 'f> {
     draft: &'d mut Draft,
     textures: &'d mut Textures<'t>,
     loader: &'l mut Loader<'f>,
+    /// Whether the base colour is multiplied by the colours of vertices.
+    coloured: bool,
     /// The set of texture coordinates of the first texture.
     uv_set: Option<u32>,
 }
@@ -200,6 +203,25 @@ impl Maker<'_, '_, '_, '_, '_> {
         Ok(())
     }
 
+    /// The base colour: `factor`, times the texture and the colours of vertices where there are such.
+    fn base_colour(&mut self, object: ObjectId, name: &str, factor: [f64; 3]) -> Result<(), SceneError> {
+        let material = self.material;
+        let texture = material.pbr_metallic_roughness.base_color_texture.as_ref();
+        if !self.coloured {
+            return self.colour(object, name, factor, (texture, "baseColorTexture"));
+        }
+        let vertices = self.add(Kind::Texture, "mesh_attribute");
+        if texture.is_none() && factor == [1.0; 3] {
+            self.draft.link(object, Some(name), vertices);
+            return Ok(());
+        }
+        let product = self.add(Kind::Texture, "scale");
+        self.draft.link(product, None, vertices);
+        self.colour(product, "scale", factor, (texture, "baseColorTexture"))?;
+        self.draft.link(object, Some(name), product);
+        Ok(())
+    }
+
     /// The property `name`, a number: `factor`, times a channel of the texture where there is one.
     fn number(
         &mut self,
@@ -242,7 +264,7 @@ impl Maker<'_, '_, '_, '_, '_> {
         });
         let eta = self.index_of_refraction(transmitted > 0.0);
         let tint = self.tint(base);
-        let even = !textured && plain.base_color_texture.is_none();
+        let even = !textured && plain.base_color_texture.is_none() && !self.coloured;
         let wholly = transmitted == 1.0 && transmission.is_some_and(|glass| glass.transmission_texture.is_none());
         let thin = transmitted > 0.0 && extensions.volume.is_none() && !solid_glass;
         let coated = extensions.clearcoat.is_some() || extensions.sheen.is_some();
@@ -256,12 +278,10 @@ impl Maker<'_, '_, '_, '_, '_> {
         if matt && !coated && metallic == 0.0 && extensions.anisotropy.is_none() {
             // Without a reflecting surface the model is Lambert's.
             let bsdf = self.add(Kind::Bsdf, "diffuse");
-            let texture = (plain.base_color_texture.as_ref(), "baseColorTexture");
-            self.colour(bsdf, "reflectance", base, texture)?;
+            self.base_colour(bsdf, "reflectance", base)?;
             return Ok(Surface { bsdf, transmits: false });
         }
         let bsdf = self.add(Kind::Bsdf, if thin { "principledthin" } else { "principled" });
-        let base_texture = (plain.base_color_texture.as_ref(), "baseColorTexture");
         let color = match transmitted > 0.0 {
             true => tint,
             // The diffuse part of glTF gets what the surface above it lets through, 1 - F (appendix B.3.5), and that of `principled` all. Of F
@@ -269,7 +289,7 @@ impl Maker<'_, '_, '_, '_, '_> {
             false if metallic == 0.0 => base.map(|c| c * (1.0 - ((eta - 1.0) / (eta + 1.0)).powi(2))),
             false => base,
         };
-        self.colour(bsdf, "base_color", color, base_texture)?;
+        self.base_colour(bsdf, "base_color", color)?;
         let texture = plain.metallic_roughness_texture.as_ref();
         self.number(bsdf, "roughness", roughness, (texture, "metallicRoughnessTexture", "g"))?;
         if !thin {

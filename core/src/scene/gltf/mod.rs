@@ -112,7 +112,8 @@ pub(crate) fn read(
             images: BTreeMap::new(),
         },
         loader,
-        meshes: BTreeMap::new(),
+        groups: BTreeMap::new(),
+        uses: uses(&document, &tree),
     };
     for node in &tree.shown {
         let written = scene.node(*node, width);
@@ -179,8 +180,10 @@ struct SceneWriter<'a, 'l, 'f> {
     materials: Materials<'a>,
     textures: Textures<'a>,
     loader: &'l mut Loader<'f>,
-    /// Primitives that do not change their form, by mesh and number, once they were read.
-    meshes: BTreeMap<(usize, usize), Option<Triangles>>,
+    /// Meshes of which there is more than one and which do not change their form: the group of shapes that each is.
+    groups: BTreeMap<usize, ObjectId>,
+    /// How many nodes show each mesh.
+    uses: Vec<usize>,
 }
 
 impl SceneWriter<'_, '_, '_> {
@@ -205,8 +208,43 @@ impl SceneWriter<'_, '_, '_> {
             ));
         }
         let places = self.places(index)?;
-        for number in 0..meshes[mesh].primitives.len() {
-            if let Err(fault) = self.primitive(index, (mesh, number), &places) {
+        let rigid = node.skin.is_none() && meshes[mesh].primitives.iter().all(|part| part.targets.is_empty());
+        if rigid && self.uses[mesh].max(places.len()) > 1 {
+            let group = self.group(index, mesh)?;
+            for place in &places {
+                let name = node_name(document, index);
+                let instance = self.draft.add(Kind::Shape, "instance", Some(&name), self.told.place());
+                self.draft.set(instance, "to_world", copied(place));
+                self.draft.link(instance, None, group);
+                self.draft.link(0, None, instance);
+            }
+            return Ok(());
+        }
+        for place in &places {
+            self.primitives(0, index, mesh, place)?;
+        }
+        Ok(())
+    }
+
+    /// The group of shapes that a mesh is, which is written where a node first shows it.
+    fn group(&mut self, node: usize, mesh: usize) -> Result<ObjectId, SceneError> {
+        if let Some(group) = self.groups.get(&mesh) {
+            return Ok(*group);
+        }
+        let name = format!("meshes[{mesh}] \"{}\"", shortened(&self.document.meshes[mesh].name));
+        let group = self
+            .draft
+            .add(Kind::Shape, "shapegroup", Some(&name), self.told.place());
+        self.draft.link(0, None, group);
+        self.groups.insert(mesh, group);
+        self.primitives(group, node, mesh, &Value::Transform(Box::default()))?;
+        Ok(group)
+    }
+
+    /// Adds the primitives of a mesh to `parent`: the scene, or a group.
+    fn primitives(&mut self, parent: ObjectId, node: usize, mesh: usize, place: &Value) -> Result<(), SceneError> {
+        for number in 0..self.document.meshes[mesh].primitives.len() {
+            if let Err(fault) = self.primitive(parent, node, (mesh, number), place) {
                 self.draft.faults.note(fault)?;
             }
         }
@@ -268,12 +306,19 @@ impl SceneWriter<'_, '_, '_> {
         Ok((0..count).filter_map(place).collect())
     }
 
-    /// Adds one primitive of a mesh at each of its places.
-    fn primitive(&mut self, node: usize, (mesh, number): (usize, usize), places: &[Value]) -> Result<(), SceneError> {
+    /// Adds one primitive of a mesh at a place.
+    fn primitive(
+        &mut self,
+        parent: ObjectId,
+        node: usize,
+        (mesh, number): (usize, usize),
+        place: &Value,
+    ) -> Result<(), SceneError> {
         let primitive = &self.document.meshes[mesh].primitives[number];
         let used = format!("meshes[{mesh}].primitives[{number}].material");
+        let coloured = primitive.attributes.contains_key("COLOR_0");
         let look = self.materials.look(
-            primitive.material,
+            (primitive.material, coloured),
             &mut self.draft,
             &mut self.textures,
             self.loader,
@@ -282,45 +327,29 @@ impl SceneWriter<'_, '_, '_> {
         if look.bsdf.is_none() && look.emitter.is_none() {
             return Ok(());
         }
-        let name = primitive_name(self.document, mesh, number);
-        if primitive.attributes.contains_key("COLOR_0") {
-            self.told.warn(format!("{name}: its vertex colours are left out"));
-        }
-        let deforms = self.document.nodes[node].skin.is_some() || !primitive.targets.is_empty();
-        let triangles = if deforms {
-            let deformation = self.deformation(node, mesh)?;
-            self.geometry.read((mesh, number), look.uv_set, &deformation)?
-        } else {
-            match self.meshes.get(&(mesh, number)) {
-                Some(known) => known.clone(),
-                None => {
-                    let read = self
-                        .geometry
-                        .read((mesh, number), look.uv_set, &Deformation::default())?;
-                    self.meshes.insert((mesh, number), read.clone());
-                    read
-                }
-            }
-        };
+        let deformation = self.deformation(node, mesh)?;
+        let triangles = self.geometry.read((mesh, number), look.uv_set, &deformation)?;
         let Some(triangles) = triangles else { return Ok(()) };
-        let name = format!("{} {name}", node_name(self.document, node));
-        for place in places {
-            self.shape(&triangles, look, place, &name);
-            if look.emitter.is_some()
-                && let Some(back) = sheet::back(&triangles.mesh)
-            {
-                let back = Triangles {
-                    mesh: back.into(),
-                    ..triangles.clone()
-                };
-                self.shape(&back, look, place, &name);
-            }
+        let name = format!(
+            "{} {}",
+            node_name(self.document, node),
+            primitive_name(self.document, mesh, number)
+        );
+        self.shape(parent, &triangles, look, place, &name);
+        if look.emitter.is_some()
+            && let Some(back) = sheet::back(&triangles.mesh)
+        {
+            let back = Triangles {
+                mesh: back.into(),
+                ..triangles
+            };
+            self.shape(parent, &back, look, place, &name);
         }
         Ok(())
     }
 
     /// Adds triangles with their look at a place.
-    fn shape(&mut self, triangles: &Triangles, look: Look, to_world: &Value, name: &str) {
+    fn shape(&mut self, parent: ObjectId, triangles: &Triangles, look: Look, to_world: &Value, name: &str) {
         let shape = self.draft.add(Kind::Shape, "mesh", Some(name), self.told.place());
         self.draft.set(shape, "mesh", Value::Mesh(triangles.mesh.clone()));
         if !triangles.has_normals {
@@ -330,24 +359,23 @@ impl SceneWriter<'_, '_, '_> {
                 self.draft.set(shape, "flip_normals", Value::Boolean(true));
             }
         }
-        let to_world = match to_world {
-            Value::Animation(moving) => Value::Animation(moving.clone()),
-            Value::Transform(still) => Value::Transform(still.clone()),
-            _ => Value::Transform(Box::default()),
-        };
-        self.draft.set(shape, "to_world", to_world);
-        let bsdf: Option<ObjectId> = look.bsdf;
-        for object in bsdf.into_iter().chain(look.emitter) {
+        self.draft.set(shape, "to_world", copied(to_world));
+        for object in look.bsdf.into_iter().chain(look.emitter) {
             self.draft.link(shape, None, object);
         }
-        self.draft.link(0, None, shape);
+        self.draft.link(parent, None, shape);
     }
 
     /// How a node's mesh is deformed at the time.
     fn deformation(&self, node: usize, mesh: usize) -> Result<Deformation, SceneError> {
         let (document, time) = (self.document, self.timing.time);
         let written = &document.nodes[node];
-        if self.timing.shutter > 0.0 {
+        let deforms = written.skin.is_some()
+            || document.meshes[mesh]
+                .primitives
+                .iter()
+                .any(|part| !part.targets.is_empty());
+        if self.timing.shutter > 0.0 && deforms {
             let name = node_name(document, node);
             self.told
                 .warn(format!("{name}: its form is that of one moment; only places blur"));
@@ -382,6 +410,26 @@ impl SceneWriter<'_, '_, '_> {
             weights,
             joints: Some(joints?),
         })
+    }
+}
+
+/// How many of the nodes that are shown have each mesh.
+fn uses(document: &Document, tree: &Tree) -> Vec<usize> {
+    let mut uses = vec![0; document.meshes.len()];
+    for node in &tree.shown {
+        if let Some(uses) = document.nodes[*node].mesh.and_then(|mesh| uses.get_mut(mesh)) {
+            *uses += 1;
+        }
+    }
+    uses
+}
+
+/// A place once more.
+fn copied(to_world: &Value) -> Value {
+    match to_world {
+        Value::Animation(moving) => Value::Animation(moving.clone()),
+        Value::Transform(still) => Value::Transform(still.clone()),
+        _ => Value::Transform(Box::default()),
     }
 }
 

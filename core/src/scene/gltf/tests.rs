@@ -530,7 +530,7 @@ fn all_files_of_blender_load() {
         ("glass", 7, 2),
         ("textures", 7, 2),
         ("normal-map", 6, 2),
-        ("instances", 13, 2),
+        ("instances", 14, 2),
         ("arm", 7, 2),
     ] {
         let (files, main) = blender(name);
@@ -538,6 +538,46 @@ fn all_files_of_blender_load() {
         let found = scene.bindings.iter().filter(|binding| binding.light.is_some()).count();
         assert_eq!((scene.bindings.len(), found), (shapes, lamps), "{name}");
     }
+}
+
+#[test]
+fn a_mesh_of_several_nodes_is_one_group() {
+    let scene = of_blender("instances", &[]);
+    let of_type = |plugin: &str| {
+        scene
+            .all(Kind::Shape)
+            .iter()
+            .filter(|shape| shape.plugin == plugin)
+            .count()
+    };
+    assert_eq!((of_type("shapegroup"), of_type("instance"), of_type("mesh")), (1, 9, 5));
+}
+
+#[test]
+fn colours_of_vertices_are_linear_and_multiply_the_base_colour() {
+    let coloured = [
+        (r#""POSITION": 0"#, r#""POSITION": 0, "COLOR_0": 2"#),
+        (
+            r#""count": 3, "type": "SCALAR"}"#,
+            r#""count": 3, "type": "SCALAR"},
+{"bufferView": 2, "componentType": 5121, "normalized": true, "count": 3, "type": "VEC4"}"#,
+        ),
+        (
+            r#""componentType": 5126, "count": 5"#,
+            r#""componentType": 5126, "count": 3"#,
+        ),
+    ];
+    let scene = described(&coloured).unwrap();
+    let attribute = &scene.mesh(0).attributes[0];
+    assert_eq!(attribute.name, "vertex_color");
+    let first = attribute.values[0].to_rgb();
+    assert_eq!(first, [1.0, 128.0 / 255.0, 0.0]);
+    let textures: Vec<&str> = scene
+        .all(Kind::Texture)
+        .iter()
+        .map(|texture| texture.plugin.as_str())
+        .collect();
+    assert_eq!(textures, ["mesh_attribute", "scale"]);
 }
 
 /// Plugins by the material: clear glass and smooth metal have their own.
