@@ -84,6 +84,17 @@ impl Spectrum {
         0.212_671 * self.0[0] + 0.715_160 * self.0[1] + 0.072_169 * self.0[2]
     }
 
+    /// As one number: the value of all channels where they agree, and else the luminance.
+    #[must_use]
+    #[inline]
+    pub fn number(self) -> f32 {
+        let [first, rest @ ..] = self.0;
+        match rest.iter().all(|channel| *channel == first) {
+            true => first,
+            false => self.luminance(),
+        }
+    }
+
     /// The largest channel.
     #[must_use]
     #[inline]

@@ -149,6 +149,28 @@ impl AttributeTexture {
     }
 }
 
+/// Distance over which textures are compared that do not tell their slope.
+const SLOPE_STEP: f32 = 1.0 / 2048.0;
+
+impl Texture {
+    /// Derivatives of the value as a number ([`Spectrum::number`]) by u and by v.
+    #[must_use]
+    pub fn gradient(&self, at: &TexturePoint) -> Vec2 {
+        match self {
+            Self::Constant(_) => Vec2::ZERO,
+            Self::Bitmap(bitmap, to_uv) => to_uv.gradient(bitmap.gradient(to_uv.apply(at.uv))),
+            Self::Checkerboard { .. } => {
+                let value = |offset: Vec2| {
+                    let uv = at.uv + offset;
+                    self.eval(&TexturePoint { uv, ..*at }).number()
+                };
+                let slope = |step: Vec2| (value(step) - value(-step)) / (2.0 * SLOPE_STEP);
+                Vec2::new(slope(Vec2::X * SLOPE_STEP), slope(Vec2::Y * SLOPE_STEP))
+            }
+        }
+    }
+}
+
 impl UvTransform {
     /// Leaves coordinates as they are.
     pub const IDENTITY: Self = Self {
@@ -160,6 +182,11 @@ impl UvTransform {
     #[must_use]
     pub fn apply(&self, uv: Vec2) -> Vec2 {
         Vec2::new(self.linear[0].dot(uv), self.linear[1].dot(uv)) + self.offset
+    }
+
+    /// From derivatives by texture coordinates to derivatives by surface coordinates.
+    fn gradient(&self, of_texture: Vec2) -> Vec2 {
+        self.linear[0] * of_texture.x + self.linear[1] * of_texture.y
     }
 }
 
@@ -174,6 +201,23 @@ impl Bitmap {
                 let ((i, s), (j, t)) = (cell_of(x - 0.5), cell_of(y - 0.5));
                 let row = |j| self.texel(i, j) * (1.0 - s) + self.texel(i + 1, j) * s;
                 row(j) * (1.0 - t) + row(j + 1) * t
+            }
+        }
+    }
+
+    /// Derivatives of [`Self::eval`] as a number by the texture coordinates.
+    fn gradient(&self, uv: Vec2) -> Vec2 {
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        let place = uv * size;
+        match self.filter {
+            TextureFilter::Nearest => Vec2::ZERO,
+            TextureFilter::Bilinear => {
+                let ((i, s), (j, t)) = (cell_of(place.x - 0.5), cell_of(place.y - 0.5));
+                let texel = |i, j| self.texel(i, j).number();
+                let (upper, lower) = ([texel(i, j), texel(i + 1, j)], [texel(i, j + 1), texel(i + 1, j + 1)]);
+                let along = (upper[1] - upper[0]) * (1.0 - t) + (lower[1] - lower[0]) * t;
+                let down = (lower[0] - upper[0]) * (1.0 - s) + (lower[1] - upper[1]) * s;
+                Vec2::new(along, down) * size
             }
         }
     }

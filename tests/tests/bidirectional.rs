@@ -276,6 +276,38 @@ fn every_light_by_parallel_rays() {
     every_light("orthographic", ORTHOGRAPHIC);
 }
 
+/// BSDFs that are made of others: a ball with holes, a tilted pane before it, bumpy metal, and coats. Light passes through the holes and the pane
+/// by chance only, and the tilted normals are another matter for light paths than for camera paths.
+const COMPOSED: &str = r#"
+    <shape type="sphere"><point name="center" x="0.5" y="0.4" z="0.4"/><float name="radius" value="0.4"/>
+        <bsdf type="mask"><float name="opacity" value="0.6"/>
+            <bsdf type="twosided"><bsdf type="roughplastic"><float name="alpha" value="0.2"/>
+                <rgb name="diffuse_reflectance" value="0.6, 0.3, 0.2"/></bsdf></bsdf></bsdf></shape>
+    <shape type="rectangle"><transform name="to_world"><scale value="0.5"/><rotate y="1" angle="25"/><translate x="0.4" y="0.5" z="1"/></transform>
+        <bsdf type="thindielectric"/></shape>
+    <shape type="rectangle"><transform name="to_world"><scale value="0.6"/><rotate x="1" angle="-90"/><translate x="0.2" y="0.01" z="1"/></transform>
+        <bsdf type="normalmap">
+            <texture name="normalmap" type="checkerboard"><rgb name="color0" value="0.7, 0.4, 0.9"/><rgb name="color1" value="0.35, 0.6, 0.9"/>
+                <transform name="to_uv"><scale x="5" y="5"/></transform></texture>
+            <bsdf type="blendbsdf"><float name="weight" value="0.5"/>
+                <bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>
+                <bsdf type="plastic"/></bsdf>
+        </bsdf></shape>
+    <shape type="sphere"><point name="center" x="-0.5" y="1.1" z="-0.5"/><float name="radius" value="0.25"/>
+        <bsdf type="coating"><float name="thickness" value="0.2"/><rgb name="sigma_a" value="0.1, 0.5, 1"/>
+            <bsdf type="roughconductor"><string name="distribution" value="ggx"/><float name="alpha" value="0.25"/></bsdf></bsdf></shape>"#;
+
+#[test]
+fn materials_made_of_others() {
+    let scattered = |moments: &Moments| moments.components(1..LONGEST as usize);
+    let scene = room(PINHOLE, LIGHTS[0].2, COMPOSED);
+    let expected = scattered(&truth(&scene));
+    for (method, settings) in [("bdpt", bdpt as fn(_, _) -> _), ("vcm", vcm)] {
+        let found = scattered(&observe(&scene, Sampling::Independent, OBSERVATIONS, &settings));
+        check(&format!("composed, {method}"), &found, &expected, 0.15);
+    }
+}
+
 /// Each technique alone, in full, finds all paths of up to three edges: lights and lens can both be hit here.
 #[test]
 fn each_technique_alone_finds_all_paths() {

@@ -12,6 +12,7 @@ mod hierarchy;
 mod instance;
 mod sampling;
 mod surface;
+mod tangents;
 mod traversal;
 mod triangle;
 

@@ -1,17 +1,32 @@
-//! A material at a hit: a few lobes by value, their textures looked up.
+//! A material at a hit: its lobes by value, their textures looked up.
 
+use super::blend::Blend;
+use super::coated::Coated;
+use super::perturbed::Perturbed;
 use super::{Coat, GRAZING, Microfacets, TransportMode, coat, conductor, dielectric, diffuse};
 use crate::math::{ONE_MINUS_EPSILON, Vec2, Vec3};
 use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TexturePoint};
 
-/// How a surface scatters at one point, seen from one of its sides. Made by [`super::Material::resolve`].
-#[derive(Clone, Copy, Debug)]
+/// How a surface scatters at one point, seen from one of its sides. Made by [`super::Material::resolve_on`].
+///
+/// Most surfaces are one lobe, or a lobe over another. They are kept in place, and nothing is allocated for them. BSDFs that are made of
+/// others form a tree, each node of which lies on the heap: the size of vertices, which the integrators keep by the million, is that
+/// of the common surfaces, and the rest pay for an allocation at each hit.
+#[derive(Clone, Debug)]
 pub struct Bsdf {
-    first: Lobe,
-    second: Option<Second>,
+    parts: Parts,
     /// 1, or -1 where the lobes are to see directions turned to the other side.
     side: f32,
+}
+
+#[derive(Clone, Debug)]
+enum Parts {
+    One(Lobe),
+    Two(Lobe, Second),
+    Blend(Box<Blend>),
+    Perturbed(Box<Perturbed>),
+    Coated(Box<Coated>),
 }
 
 /// A lobe beside the first one.
@@ -57,6 +72,13 @@ pub enum Lobe {
         /// Factors on the two branches.
         tints: Tints,
     },
+    /// Reflection by a thin pane, and what it lets straight through: delta functions.
+    ThinDielectric {
+        /// Index of the pane over that around it.
+        eta: f32,
+        /// Factors on the two branches.
+        tints: Tints,
+    },
     /// Reflection and refraction at a rough boundary.
     RoughDielectric {
         /// Interior over exterior index.
@@ -90,6 +112,15 @@ pub enum Lobe {
     CoatReflection {
         /// Index of the coat over that of the exterior.
         eta: f32,
+        /// Factor on reflected light.
+        reflectance: Spectrum,
+    },
+    /// Reflection by a rough coat, on the outer side.
+    RoughCoatReflection {
+        /// Index of the coat over that of the exterior.
+        eta: f32,
+        /// Roughness.
+        facets: Microfacets,
         /// Factor on reflected light.
         reflectance: Spectrum,
     },
@@ -136,6 +167,9 @@ pub struct BsdfSample {
     pub delta: bool,
     /// Relative index of refraction along `wi` (1 unless the sample crossed a dielectric boundary); for Russian roulette.
     pub eta: f32,
+    /// Factor of [`Bsdf::pdf_rev`] for delta lobes: 1 for a lobe by itself. Others come from a boundary that is tilted against the
+    /// surface, and from choices between lobes that are made otherwise on the way back.
+    pub reversal: f32,
 }
 
 impl BsdfSample {
@@ -149,11 +183,11 @@ impl BsdfSample {
 
 impl Bsdf {
     pub(super) fn of(lobe: Lobe) -> Self {
-        Self {
-            first: lobe,
-            second: None,
-            side: 1.0,
-        }
+        Self::made_of(Parts::One(lobe))
+    }
+
+    fn made_of(parts: Parts) -> Self {
+        Self { parts, side: 1.0 }
     }
 
     /// A coat that reflects the share `reflectance` of what Fresnel's equations say, and a base of the albedo `diffuse` under it.
@@ -170,10 +204,7 @@ impl Bsdf {
                 transmitted: diffuse.mean(),
             },
         };
-        Self {
-            second: Some(second),
-            ..Self::of(Lobe::CoatReflection { eta, reflectance })
-        }
+        Self::made_of(Parts::Two(Lobe::CoatReflection { eta, reflectance }, second))
     }
 
     /// The same on the other side of the surface.
@@ -193,10 +224,12 @@ impl Bsdf {
     #[must_use]
     pub fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
         let (wo, wi) = (self.turn(wo), self.turn(wi));
-        let first = self.first.f(wo, wi, mode);
-        match &self.second {
-            None => first,
-            Some(second) => first + second.lobe.f(wo, wi, mode),
+        match &self.parts {
+            Parts::One(lobe) => lobe.f(wo, wi, mode),
+            Parts::Two(first, second) => first.f(wo, wi, mode) + second.lobe.f(wo, wi, mode),
+            Parts::Blend(blend) => blend.f(wo, wi, mode),
+            Parts::Perturbed(perturbed) => perturbed.f(wo, wi, mode),
+            Parts::Coated(coated) => coated.f(wo, wi, mode),
         }
     }
 
@@ -204,44 +237,39 @@ impl Bsdf {
     #[must_use]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         let (wo, wi) = (self.turn(wo), self.turn(wi));
-        let first = self.first.pdf(wo, wi);
-        match &self.second {
-            None => first,
-            Some(second) => {
+        match &self.parts {
+            Parts::One(lobe) => lobe.pdf(wo, wi),
+            Parts::Two(first, second) => {
                 let share = second.choice.first(wo);
-                share * first + (1.0 - share) * second.lobe.pdf(wo, wi)
+                share * first.pdf(wo, wi) + (1.0 - share) * second.lobe.pdf(wo, wi)
             }
+            Parts::Blend(blend) => blend.pdf(wo, wi),
+            Parts::Perturbed(perturbed) => perturbed.pdf(wo, wi),
+            Parts::Coated(coated) => coated.pdf(wo, wi),
         }
     }
 
     /// Samples `wi` given `wo` from the random numbers `lobe` and `u`. `None` where the sample carries nothing.
     #[must_use]
     pub fn sample(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
+        self.draw(wo, lobe, u, mode).filter(|sample| !sample.f.is_black())
+    }
+
+    /// As [`Self::sample`], but for samples that carry nothing: what has another BSDF beside this one may carry something
+    /// there, and the density of both together counts them.
+    pub(super) fn draw(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
         let wo = self.turn(wo);
-        let sample = match &self.second {
-            None => self.first.sample(wo, lobe, u, mode)?,
-            Some(second) => self.sample_of_two(second, wo, lobe, u, mode)?,
+        let sample = match &self.parts {
+            Parts::One(single) => single.sample(wo, lobe, u, mode)?,
+            Parts::Two(first, second) => sample_of_two(first, second, wo, lobe, u, mode)?,
+            Parts::Blend(blend) => blend.draw(wo, lobe, u, mode)?,
+            Parts::Perturbed(perturbed) => perturbed.draw(wo, lobe, u, mode)?,
+            Parts::Coated(coated) => coated.draw(wo, lobe, u, mode)?,
         };
-        (!sample.f.is_black()).then(|| BsdfSample {
+        Some(BsdfSample {
             wi: self.turn(sample.wi),
             ..sample
         })
-    }
-
-    fn sample_of_two(&self, second: &Second, wo: Vec3, u: f32, v: Vec2, mode: TransportMode) -> Option<BsdfSample> {
-        let share = second.choice.first(wo);
-        let (chosen, other, probability, u) = if u < share {
-            (&self.first, &second.lobe, share, u / share)
-        } else {
-            (&second.lobe, &self.first, 1.0 - share, (u - share) / (1.0 - share))
-        };
-        let mut sample = chosen.sample(wo, u.min(ONE_MINUS_EPSILON), v, mode)?;
-        sample.pdf *= probability;
-        if !sample.delta {
-            sample.f += other.f(wo, sample.wi, mode);
-            sample.pdf += (1.0 - probability) * other.pdf(wo, sample.wi);
-        }
-        Some(sample)
     }
 
     /// The density with which the path of `sample`, walked the other way, would have been sampled: of `wo` given `sample.wi`
@@ -256,25 +284,38 @@ impl Bsdf {
             return self.pdf(sample.wi, wo);
         }
         // A boundary reflects the same share from both sides, and a coat from both directions that it mirrors into each other: the
-        // probability is the same.
-        sample.pdf * (wo.z / sample.wi.z).abs() / (sample.eta * sample.eta)
+        // probability is the same, but for what `reversal` says.
+        sample.pdf * sample.reversal * (wo.z / sample.wi.z).abs() / (sample.eta * sample.eta)
     }
 
-    /// The lobes; at most one of them is a delta function.
-    pub fn lobes(&self) -> impl Iterator<Item = &Lobe> {
-        std::iter::once(&self.first).chain(self.second.as_ref().map(|second| &second.lobe))
+    /// Visits the lobes, of which any number may be delta functions.
+    pub(super) fn each_lobe(&self, visit: &mut impl FnMut(&Lobe)) {
+        match &self.parts {
+            Parts::One(lobe) => visit(lobe),
+            Parts::Two(first, second) => {
+                visit(first);
+                visit(&second.lobe);
+            }
+            Parts::Blend(blend) => blend.each_lobe(visit),
+            Parts::Perturbed(perturbed) => perturbed.each_lobe(visit),
+            Parts::Coated(coated) => coated.each_lobe(visit),
+        }
     }
 
     /// Whether some lobe is a delta function: a path can go on along it that no other technique finds.
     #[must_use]
     pub fn has_delta(&self) -> bool {
-        self.lobes().any(Lobe::is_delta)
+        let mut found = false;
+        self.each_lobe(&mut |lobe| found |= lobe.is_delta());
+        found
     }
 
     /// Whether some lobe is no delta function: next-event estimation and density estimation apply to it.
     #[must_use]
     pub fn has_smooth(&self) -> bool {
-        self.lobes().any(|lobe| !lobe.is_delta())
+        let mut found = false;
+        self.each_lobe(&mut |lobe| found |= !lobe.is_delta());
+        found
     }
 
     /// Whether scattering is too concentrated for a density estimate: of the lobes that are no delta functions one has a microfacet
@@ -288,13 +329,53 @@ impl Bsdf {
     /// there are none.
     #[must_use]
     pub fn least_roughness(&self) -> Option<f32> {
-        self.lobes().filter_map(Lobe::least_roughness).reduce(f32::min)
+        let mut least: Option<f32> = None;
+        self.each_lobe(&mut |lobe| {
+            if let Some(roughness) = lobe.least_roughness() {
+                least = Some(least.map_or(roughness, |least| least.min(roughness)));
+            }
+        });
+        least
     }
+}
+
+impl From<Blend> for Bsdf {
+    fn from(blend: Blend) -> Self {
+        Self::made_of(Parts::Blend(Box::new(blend)))
+    }
+}
+
+impl From<Perturbed> for Bsdf {
+    fn from(perturbed: Perturbed) -> Self {
+        Self::made_of(Parts::Perturbed(Box::new(perturbed)))
+    }
+}
+
+impl From<Coated> for Bsdf {
+    fn from(coated: Coated) -> Self {
+        Self::made_of(Parts::Coated(Box::new(coated)))
+    }
+}
+
+fn sample_of_two(first: &Lobe, second: &Second, wo: Vec3, u: f32, v: Vec2, mode: TransportMode) -> Option<BsdfSample> {
+    let share = second.choice.first(wo);
+    let (chosen, other, probability, u) = if u < share {
+        (first, &second.lobe, share, u / share)
+    } else {
+        (&second.lobe, first, 1.0 - share, (u - share) / (1.0 - share))
+    };
+    let mut sample = chosen.sample(wo, u.min(ONE_MINUS_EPSILON), v, mode)?;
+    sample.pdf *= probability;
+    if !sample.delta {
+        sample.f += other.f(wo, sample.wi, mode);
+        sample.pdf += (1.0 - probability) * other.pdf(wo, sample.wi);
+    }
+    Some(sample)
 }
 
 impl Lobe {
     /// As [`Bsdf::f`].
-    fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
+    pub(super) fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
         match self {
             Self::Diffuse { reflectance } => diffuse::eval(wo, wi) * *reflectance,
             Self::RoughDielectric { eta, facets, tints } => dielectric::eval(*eta, facets, *tints, wo, wi, mode),
@@ -304,28 +385,42 @@ impl Lobe {
                 facets,
                 reflectance,
             } => conductor::eval(*eta, *k, facets, wo, wi) * *reflectance,
+            Self::RoughCoatReflection {
+                eta,
+                facets,
+                reflectance,
+            } => *reflectance * coat::eval_rough(*eta, facets, wo, wi),
             Self::CoatedDiffuse { eta, base } => *base * coat::eval_base(*eta, wo, wi),
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::CoatReflection { .. } | Self::Null => {
-                Spectrum::ZERO
-            }
+            Self::Dielectric { .. }
+            | Self::ThinDielectric { .. }
+            | Self::Conductor { .. }
+            | Self::CoatReflection { .. }
+            | Self::Null => Spectrum::ZERO,
         }
     }
 
     /// As [`Bsdf::pdf`].
-    fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+    pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         match self {
             Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => diffuse::pdf(wo, wi),
             Self::RoughDielectric { eta, facets, .. } => dielectric::pdf(*eta, facets, wo, wi),
-            Self::RoughConductor { facets, .. } => conductor::pdf(facets, wo, wi),
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::CoatReflection { .. } | Self::Null => 0.0,
+            Self::RoughConductor { facets, .. } | Self::RoughCoatReflection { facets, .. } => {
+                conductor::pdf(facets, wo, wi)
+            }
+            Self::Dielectric { .. }
+            | Self::ThinDielectric { .. }
+            | Self::Conductor { .. }
+            | Self::CoatReflection { .. }
+            | Self::Null => 0.0,
         }
     }
 
     /// As [`Bsdf::sample`], but for samples that carry nothing.
-    fn sample(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
+    pub(super) fn sample(&self, wo: Vec3, lobe: f32, u: Vec2, mode: TransportMode) -> Option<BsdfSample> {
         match self {
             Self::Diffuse { reflectance } => Some(diffuse::sample(wo, u)?.tinted(*reflectance)),
             Self::Dielectric { eta, tints } => dielectric::sample_smooth(*eta, *tints, wo, lobe, mode),
+            Self::ThinDielectric { eta, tints } => dielectric::sample_thin(*eta, *tints, wo, lobe),
             Self::RoughDielectric { eta, facets, tints } => {
                 dielectric::sample(*eta, facets, *tints, wo, (lobe, u), mode)
             }
@@ -339,6 +434,11 @@ impl Lobe {
                 reflectance,
             } => Some(conductor::sample(*eta, *k, facets, wo, u)?.tinted(*reflectance)),
             Self::CoatReflection { eta, reflectance } => Some(coat::sample_reflection(*eta, wo)?.tinted(*reflectance)),
+            Self::RoughCoatReflection {
+                eta,
+                facets,
+                reflectance,
+            } => Some(coat::sample_rough(*eta, facets, wo, u)?.tinted(*reflectance)),
             Self::CoatedDiffuse { eta, base } => Some(coat::sample_base(*eta, wo, u)?.tinted(*base)),
             Self::Null => pass_through(wo),
         }
@@ -354,10 +454,14 @@ impl Lobe {
     fn least_roughness(&self) -> Option<f32> {
         match self {
             Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => Some(f32::INFINITY),
-            Self::RoughDielectric { facets, .. } | Self::RoughConductor { facets, .. } => {
-                Some(facets.alpha.min_element())
-            }
-            Self::Dielectric { .. } | Self::Conductor { .. } | Self::CoatReflection { .. } | Self::Null => None,
+            Self::RoughDielectric { facets, .. }
+            | Self::RoughConductor { facets, .. }
+            | Self::RoughCoatReflection { facets, .. } => Some(facets.alpha.min_element()),
+            Self::Dielectric { .. }
+            | Self::ThinDielectric { .. }
+            | Self::Conductor { .. }
+            | Self::CoatReflection { .. }
+            | Self::Null => None,
         }
     }
 }
@@ -370,6 +474,7 @@ fn pass_through(wo: Vec3) -> Option<BsdfSample> {
         f: Spectrum::splat(1.0 / cos),
         pdf: 1.0,
         delta: true,
+        reversal: 1.0,
         eta: 1.0,
     })
 }

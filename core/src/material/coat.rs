@@ -1,4 +1,4 @@
-//! A smooth dielectric coat over a diffuse base: Mitsuba's `plastic`.
+//! A dielectric coat over a diffuse base: Mitsuba's `plastic`, and what the rough coat of `roughplastic` reflects.
 //!
 //! The coat reflects the share `F(w)` of what arrives along `w` as a mirror does, and lets the rest through. What the base
 //! reflects is even within the coat; the coat returns a share of it to the base, again and again, and lets the rest out, also by
@@ -6,11 +6,11 @@
 //! its albedo and `Fi` the share of even light from within that the coat returns (Jakob 2010, Mitsuba's `plastic`; the sum over all
 //! orders is that of Wolff 1994, "Diffuse-Reflectance Model for Smooth Dielectric Surfaces").
 
-use super::{BsdfSample, GRAZING, diffuse, fresnel};
+use super::{BsdfSample, GRAZING, Microfacets, conductor, diffuse, fresnel};
 use crate::math::{FRAC_1_PI, Vec2, Vec3};
 use crate::spectrum::Spectrum;
 
-/// A smooth dielectric boundary over a diffuse base, as validated data.
+/// A dielectric boundary over a diffuse base, as validated data.
 #[derive(Clone, Copy, Debug)]
 pub struct Coat {
     /// Index of the coat over that of the exterior.
@@ -26,9 +26,14 @@ impl Coat {
     /// each time if `nonlinear`; otherwise the colour is taken once, however often the light meets the base.
     #[must_use]
     pub fn new(eta: f32, nonlinear: bool) -> Self {
+        Self::with_escaping(eta, (1.0 - fresnel::mean_reflectance(1.0 / eta)) as f32, nonlinear)
+    }
+
+    /// A coat that lets out the share `escaping` of even light from within.
+    pub(super) fn with_escaping(eta: f32, escaping: f32, nonlinear: bool) -> Self {
         Self {
             eta,
-            escaping: (1.0 - fresnel::mean_reflectance(1.0 / eta)) as f32,
+            escaping,
             nonlinear,
         }
     }
@@ -63,6 +68,7 @@ pub(super) fn sample_reflection(eta: f32, wo: Vec3) -> Option<BsdfSample> {
         f: Spectrum::splat(reflectance(eta, wo) / wo.z),
         pdf: 1.0,
         delta: true,
+        reversal: 1.0,
         eta: 1.0,
     })
 }
@@ -82,4 +88,34 @@ pub(super) fn sample_base(eta: f32, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
         f: Spectrum::splat(eval_base(eta, wo, sample.wi)),
         ..sample
     })
+}
+
+/// f = F D G / (4 cos wo cos wi) (Walter et al. 2007, equation 20) of a rough coat, on the outer side.
+pub(super) fn eval_rough(eta: f32, facets: &Microfacets, wo: Vec3, wi: Vec3) -> f32 {
+    if wo.z <= GRAZING || wi.z <= GRAZING {
+        return 0.0;
+    }
+    value_of_facet(eta, facets, wo, wi, (wo + wi).normalize())
+}
+
+/// The mirror direction about a visible microfacet normal, with the density [`conductor::pdf`].
+pub(super) fn sample_rough(eta: f32, facets: &Microfacets, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
+    if wo.z <= GRAZING {
+        return None;
+    }
+    let m = facets.sample_visible(wo, u);
+    let wi = fresnel::reflect(wo, m, wo.dot(m));
+    (wi.z > GRAZING).then(|| BsdfSample {
+        wi,
+        f: Spectrum::splat(value_of_facet(eta, facets, wo, wi, m)),
+        pdf: conductor::pdf_of_facet(facets, wo, m),
+        delta: false,
+        reversal: 1.0,
+        eta: 1.0,
+    })
+}
+
+fn value_of_facet(eta: f32, facets: &Microfacets, wo: Vec3, wi: Vec3, m: Vec3) -> f32 {
+    let reflectance = fresnel::dielectric(wo.dot(m).clamp(0.0, 1.0), eta).reflectance;
+    reflectance * conductor::pdf_of_facet(facets, wo, m) * facets.masking_over_cos(wi)
 }

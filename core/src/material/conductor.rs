@@ -11,6 +11,7 @@ pub(super) fn sample_smooth(eta: Spectrum, k: Spectrum, wo: Vec3) -> Option<Bsdf
         f: fresnel::conductor(wo.z, eta, k) / wo.z,
         pdf: 1.0,
         delta: true,
+        reversal: 1.0,
         eta: 1.0,
     })
 }
@@ -44,6 +45,7 @@ pub(super) fn sample(eta: Spectrum, k: Spectrum, facets: &Microfacets, wo: Vec3,
         f: value(eta, k, facets, wo, wi, m),
         pdf: pdf_of_facet(facets, wo, m),
         delta: false,
+        reversal: 1.0,
         eta: 1.0,
     })
 }
@@ -53,6 +55,6 @@ fn value(eta: Spectrum, k: Spectrum, facets: &Microfacets, wo: Vec3, wi: Vec3, m
     reflectance * (pdf_of_facet(facets, wo, m) * facets.masking_over_cos(wi))
 }
 
-fn pdf_of_facet(facets: &Microfacets, wo: Vec3, m: Vec3) -> f32 {
+pub(super) fn pdf_of_facet(facets: &Microfacets, wo: Vec3, m: Vec3) -> f32 {
     0.25 * facets.density(m) * facets.masking_over_cos(wo)
 }

@@ -1,4 +1,4 @@
-//! Reflection and refraction at a smooth or rough boundary between two transparent media.
+//! Reflection and refraction at a smooth or rough boundary between two transparent media, or at a thin pane.
 //!
 //! The branch is chosen by Fresnel's reflectance. Radiance that crosses the boundary is scaled by the squared ratio of
 //! indices, since it spreads over another solid angle; flux is not (Veach 1997, section 5.2).
@@ -49,6 +49,7 @@ pub(super) fn sample_smooth(eta: f32, tints: Tints, wo: Vec3, lobe: f32, mode: T
             f,
             pdf: boundary.reflectance,
             delta: true,
+            reversal: 1.0,
             eta: 1.0,
         });
     }
@@ -64,7 +65,33 @@ pub(super) fn sample_smooth(eta: f32, tints: Tints, wo: Vec3, lobe: f32, mode: T
         f,
         pdf,
         delta: true,
+        reversal: 1.0,
         eta,
+    })
+}
+
+/// The mirror direction of a thin pane, or straight through. With `R` the reflectance of one side, what the pane reflects is
+/// `R + T R T + T R^3 T + ... = 2 R / (1 + R)`: light that enters is reflected within until it leaves by one side or the other, in place
+/// (Stokes 1862; Mitsuba's `thindielectric`).
+pub(super) fn sample_thin(eta: f32, tints: Tints, wo: Vec3, lobe: f32) -> Option<BsdfSample> {
+    let cos = wo.z.abs();
+    if cos <= GRAZING {
+        return None;
+    }
+    let once = fresnel::dielectric(cos, eta).reflectance;
+    let reflectance = 2.0 * once / (1.0 + once);
+    let (wi, pdf, tint) = if lobe < reflectance {
+        (Vec3::new(-wo.x, -wo.y, wo.z), reflectance, tints.reflectance)
+    } else {
+        (-wo, 1.0 - reflectance, tints.transmittance)
+    };
+    Some(BsdfSample {
+        wi,
+        f: tint * (pdf / cos),
+        pdf,
+        delta: true,
+        reversal: 1.0,
+        eta: 1.0,
     })
 }
 
@@ -182,6 +209,7 @@ pub(super) fn sample(
         f: facet.tinted(tints, eta, mode),
         pdf: facet.pdf,
         delta: false,
+        reversal: 1.0,
         eta: if facet.transmitted { eta } else { 1.0 },
     })
 }

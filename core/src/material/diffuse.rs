@@ -35,6 +35,7 @@ pub(super) fn sample(wo: Vec3, u: Vec2) -> Option<BsdfSample> {
         f: eval(wo, wi),
         pdf: pdf(wo, wi),
         delta: false,
+        reversal: 1.0,
         eta: 1.0,
     })
 }

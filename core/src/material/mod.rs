@@ -1,19 +1,22 @@
 //! Materials: how surfaces scatter light.
 //!
-//! A [`Material`] is what a scene says: textures, indices, roughness, perhaps two sides. [`Material::resolve`] makes a
-//! [`Bsdf`] of it at a hit: a small value of one or a few [`Lobe`]s, every texture looked up. All of evaluating and sampling is
-//! the `Bsdf`'s. Being a delta function, or glossy, is a property of a lobe.
+//! A [`Material`] is what a scene says: textures, indices, roughness, perhaps two sides or other materials within.
+//! [`Material::resolve_on`] makes a [`Bsdf`] of it at a hit: one or more [`Lobe`]s, every texture looked up. All of evaluating and
+//! sampling is the `Bsdf`'s. Being a delta function, or glossy, is a property of a lobe.
 //!
 //! Directions are in the local shading frame, of unit length, and point away from the surface. `wo` is known, `wi`
 //! is sampled: on a camera path (radiance) `wi` leads towards the light, on a light path (flux) `wo` does. Nothing here
 //! includes a cosine: callers multiply by `|cos|`. Everything returned is finite and not negative, whatever the unit
 //! directions.
 //!
-//! Reflection is symmetric in `wo` and `wi`. Refraction is not: with `eta` the index on the side of `wi` over that on the
-//! side of `wo`, `f(wo, wi, Radiance) = f(wi, wo, Flux) = f(wo, wi, Flux) / eta^2`.
+//! For every material `f(wo, wi, Radiance) = f(wi, wo, Flux)`. Reflection is symmetric in `wo` and `wi` besides. Refraction is
+//! not: with `eta` the index on the side of `wi` over that on the side of `wo`, `f(wo, wi, Radiance) = f(wo, wi, Flux) / eta^2`.
+//! Nor is what has a tilted normal.
 
+mod blend;
 mod bsdf;
 mod coat;
+mod coated;
 mod conductor;
 mod conductors;
 mod dielectric;
@@ -21,15 +24,22 @@ mod diffuse;
 mod fresnel;
 pub mod ior;
 mod microfacet;
+mod perturbed;
+mod resolve;
+mod rough_coat;
+mod roughness;
 #[cfg(test)]
 mod tests;
 
 pub use bsdf::{Bsdf, BsdfSample, Lobe, Tints};
 pub use coat::Coat;
+pub use perturbed::Tilt;
+pub use resolve::Tangents;
+pub use rough_coat::TransmittanceTable;
+pub use roughness::Roughness;
 
 use crate::math::{Vec2, Vec3};
-use crate::spectrum::Spectrum;
-use crate::texture::{Texture, TexturePoint};
+use crate::texture::Texture;
 
 /// What is estimated along the path: radiance on paths from the camera, flux on paths from a light.
 /// It matters for refraction (radiance is scaled by the squared ratio of indices; flux is not) and for shading normals.
@@ -63,7 +73,16 @@ pub enum Material {
         /// Interior over exterior index, positive and not 1.
         eta: f32,
         /// Roughness.
-        distribution: Microfacets,
+        distribution: Roughness,
+        /// Factor on reflected light.
+        specular_reflectance: Texture,
+        /// Factor on transmitted light.
+        specular_transmittance: Texture,
+    },
+    /// Thin pane of a dielectric: reflects, and lets the rest straight through.
+    ThinDielectric {
+        /// Index of the pane over that around it, positive.
+        eta: f32,
         /// Factor on reflected light.
         specular_reflectance: Texture,
         /// Factor on transmitted light.
@@ -72,20 +91,20 @@ pub enum Material {
     /// Smooth conductor with complex index `eta + i k` (relative to the exterior); outer side only.
     Conductor {
         /// Real part of the index.
-        eta: Spectrum,
+        eta: Texture,
         /// Imaginary part of the index.
-        k: Spectrum,
+        k: Texture,
         /// Factor on reflected light.
         specular_reflectance: Texture,
     },
     /// Rough conductor; outer side only.
     RoughConductor {
         /// Real part of the index.
-        eta: Spectrum,
+        eta: Texture,
         /// Imaginary part of the index.
-        k: Spectrum,
+        k: Texture,
         /// Roughness.
-        distribution: Microfacets,
+        distribution: Roughness,
         /// Factor on reflected light.
         specular_reflectance: Texture,
     },
@@ -98,6 +117,53 @@ pub enum Material {
         /// Factor on what the coat reflects.
         specular_reflectance: Texture,
     },
+    /// A diffuse base under a rough dielectric coat; outer side only.
+    RoughPlastic {
+        /// The coat.
+        coat: Box<RoughCoat>,
+        /// Albedo of the base, in [0, 1].
+        diffuse_reflectance: Texture,
+        /// Factor on what the coat reflects.
+        specular_reflectance: Texture,
+    },
+    /// A material under a dielectric coat; outer side only.
+    Coating(Box<Coating>),
+    /// A material with holes.
+    Mask {
+        /// Share of the material; the rest lets light straight through. Taken as a number within [0, 1].
+        opacity: Texture,
+        /// The material.
+        nested: Box<Material>,
+    },
+    /// Two materials, one growing into the other.
+    Blend {
+        /// Share of the second, taken as a number within [0, 1].
+        weight: Texture,
+        /// The first and the second.
+        nested: Box<[Material; 2]>,
+    },
+    /// A weighted sum of materials.
+    Mixture(Vec<(f32, Material)>),
+    /// A material whose normals a texture gives.
+    NormalMap {
+        /// Normals in the surface's frame, as colours: 0 to 1 stands for -1 to 1.
+        normals: Texture,
+        /// How they keep to the surface.
+        tilt: Tilt,
+        /// The material.
+        nested: Box<Material>,
+    },
+    /// A material whose normals are those of the surface moved along its own normal by a texture.
+    BumpMap {
+        /// Height [scene units], as a number.
+        heights: Texture,
+        /// Factor on the height.
+        scale: f32,
+        /// How the normals keep to the surface.
+        tilt: Tilt,
+        /// The material.
+        nested: Box<Material>,
+    },
     /// Not there: light goes straight through.
     Null,
     /// A material for each side; neither may transmit.
@@ -107,6 +173,46 @@ pub enum Material {
         /// Seen from the inner side, which is its outer side.
         back: Box<Material>,
     },
+}
+
+/// A rough dielectric boundary over a diffuse base, as validated data.
+#[derive(Clone, Debug)]
+pub struct RoughCoat {
+    distribution: Roughness,
+    transmittance: TransmittanceTable,
+    /// What the base does with the light that gets in.
+    base: Coat,
+}
+
+impl RoughCoat {
+    /// A coat with `eta` times the index of the exterior, positive; `nonlinear` as in [`Coat::new`]. Where the roughness
+    /// varies, the light that passes is that of its mean.
+    #[must_use]
+    pub fn new(eta: f32, distribution: Roughness, nonlinear: bool) -> Self {
+        let (kind, alpha) = (distribution.kind, distribution.mean());
+        Self {
+            transmittance: TransmittanceTable::new(kind, alpha, eta),
+            base: Coat::with_escaping(eta, rough_coat::escaping(kind, alpha, eta), nonlinear),
+            distribution,
+        }
+    }
+}
+
+/// A dielectric layer over a material, which reflects only.
+#[derive(Clone, Debug)]
+pub struct Coating {
+    /// Index of the layer over that of the exterior, positive.
+    pub eta: f32,
+    /// Its roughness with the light that passes, or `None` for a smooth layer. Where the roughness varies, what passes is that of its mean.
+    pub rough: Option<(Roughness, TransmittanceTable)>,
+    /// Factor on what the layer reflects.
+    pub specular_reflectance: Texture,
+    /// Absorption of the layer straight through: its coefficient times the thickness is `absorption * thickness`.
+    pub absorption: Texture,
+    /// Factor on the absorption, not negative.
+    pub thickness: f32,
+    /// What is coated.
+    pub nested: Material,
 }
 
 /// Distribution of microfacet normals.
@@ -134,63 +240,4 @@ const GRAZING: f32 = 1e-7;
 /// The direction as seen from the other side of the surface.
 fn turned(w: Vec3) -> Vec3 {
     Vec3::new(w.x, w.y, -w.z)
-}
-
-impl Material {
-    /// What the material does at a point, seen from the local direction `wo`: its textures are
-    /// looked up here and nowhere else. Of `wo` only the side counts.
-    #[must_use]
-    pub fn resolve(&self, at: &TexturePoint, wo: Vec3) -> Bsdf {
-        Bsdf::of(match self {
-            Self::Diffuse { reflectance } => Lobe::Diffuse {
-                reflectance: reflectance.eval(at),
-            },
-            Self::Dielectric {
-                eta,
-                specular_reflectance,
-                specular_transmittance,
-            } => Lobe::Dielectric {
-                eta: *eta,
-                tints: Tints::new(specular_reflectance, specular_transmittance, at),
-            },
-            Self::RoughDielectric {
-                eta,
-                distribution,
-                specular_reflectance,
-                specular_transmittance,
-            } => Lobe::RoughDielectric {
-                eta: *eta,
-                facets: *distribution,
-                tints: Tints::new(specular_reflectance, specular_transmittance, at),
-            },
-            Self::Conductor {
-                eta,
-                k,
-                specular_reflectance,
-            } => Lobe::Conductor {
-                eta: *eta,
-                k: *k,
-                reflectance: specular_reflectance.eval(at),
-            },
-            Self::RoughConductor {
-                eta,
-                k,
-                distribution,
-                specular_reflectance,
-            } => Lobe::RoughConductor {
-                eta: *eta,
-                k: *k,
-                facets: *distribution,
-                reflectance: specular_reflectance.eval(at),
-            },
-            Self::Plastic {
-                coat,
-                diffuse_reflectance,
-                specular_reflectance,
-            } => return Bsdf::coated(coat, specular_reflectance.eval(at), diffuse_reflectance.eval(at)),
-            Self::Null => Lobe::Null,
-            Self::TwoSided { front, .. } if wo.z > 0.0 => return front.resolve(at, wo),
-            Self::TwoSided { back, .. } => return back.resolve(at, turned(wo)).turned(),
-        })
-    }
 }

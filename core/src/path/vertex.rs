@@ -2,14 +2,14 @@
 
 use crate::density::Cone;
 use crate::geometry::SurfacePoint;
-use crate::material::{Bsdf, BsdfSample, TransportMode};
+use crate::material::{Bsdf, BsdfSample, Tangents, TransportMode};
 use crate::math::Vec3;
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 
 /// A vertex of a subpath on a surface, with the interface of its BSDF in world space.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct Vertex {
     pub(crate) point: SurfacePoint,
     /// What arrives: of a camera subpath, the share of the radiance that leaves along `wo` which reaches the camera; of a light
@@ -56,11 +56,19 @@ impl Vertex {
     #[inline(always)]
     pub(crate) fn new(scene: &Scene, point: SurfacePoint, wo: Vec3, mode: TransportMode) -> Self {
         let wo_local = point.frame.to_local(wo);
+        let tangents = || {
+            let [du, dv] = scene
+                .geometry
+                .tangents(&point)
+                .map(|tangent| point.frame.to_local(tangent));
+            Tangents { du, dv }
+        };
+        let bsdf = scene.material(&point).resolve_on(&(&point).into(), wo_local, &tangents);
         Self {
             point,
             beta: Spectrum::ONE,
             edges: 1,
-            bsdf: scene.material(&point).resolve(&(&point).into(), wo_local),
+            bsdf,
             wo,
             wo_local,
             mode,

@@ -2,7 +2,6 @@
 
 use super::Scene;
 use crate::geometry::{Ray, SurfacePoint};
-use crate::material::Material;
 use crate::math::{DVec2, Vec2, Vec3};
 use crate::settings::IntegratorSettings;
 
@@ -89,14 +88,7 @@ impl Scene {
     }
 
     fn is_black_back(&self, point: &SurfacePoint, wo: Vec3) -> bool {
-        let one_sided = matches!(
-            self.material(point),
-            Material::Diffuse { .. }
-                | Material::Conductor { .. }
-                | Material::RoughConductor { .. }
-                | Material::Plastic { .. }
-        );
-        one_sided && point.geometric_normal.dot(wo) < 0.0
+        self.material(point).is_one_sided() && point.geometric_normal.dot(wo) < 0.0
     }
 
     /// Whether one of a few points on lights is seen from the point.

@@ -3,7 +3,6 @@
 use super::{Place, Scene, SceneWarning};
 use crate::geometry::{Geometry, ShapeSampler};
 use crate::light::Light;
-use crate::material::Material;
 use crate::math::warp::one_minus_cos;
 use crate::math::{PI, TAU};
 use crate::settings::IntegratorSettings;
@@ -88,13 +87,7 @@ impl Scene {
     /// What these settings are not made for in this scene.
     #[must_use]
     pub fn hints(&self, settings: &IntegratorSettings) -> Vec<SceneWarning> {
-        let specular = |material: &Material| {
-            matches!(
-                material,
-                Material::Dielectric { .. } | Material::Conductor { .. } | Material::Plastic { .. }
-            )
-        };
-        let used = |index: u32| specular(&self.materials[index as usize]);
+        let used = |index: u32| self.materials[index as usize].is_specular();
         match &self.small_lamp {
             Some(lamp)
                 if matches!(settings, IntegratorSettings::Path(_))

@@ -1,6 +1,7 @@
 //! What loading decides for a scene's author, and what it warns about.
 
 mod dialects;
+mod layered;
 mod lights;
 mod sensors;
 mod shapes;

@@ -53,6 +53,7 @@ impl<'a> Estimator<'a> {
             };
             partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
             let end = End { vertex, partial };
+            let vertex = &end.vertex;
             if !vertex.is_delta() {
                 if self.plan.techniques.next_event {
                     // Drawn also where only other techniques are shown, so that these find what they find beside it.
@@ -69,7 +70,7 @@ impl<'a> Estimator<'a> {
                 }
                 if self.merge_radius.is_some() {
                     merges.push(MergeQuery {
-                        end,
+                        end: end.clone(),
                         pixel: pixel as u32,
                     });
                 }
@@ -77,10 +78,10 @@ impl<'a> Estimator<'a> {
             let Some(scattered) = vertex.sample(random) else {
                 break;
             };
-            if !walk.go_on(&vertex, &scattered, random) {
+            if !walk.go_on(vertex, &scattered, random) {
                 break;
             }
-            partial = self.partial_after(&vertex, partial, self.camera_edges.of(edges), &scattered);
+            partial = self.partial_after(vertex, partial, self.camera_edges.of(edges), &scattered);
         }
         total
     }

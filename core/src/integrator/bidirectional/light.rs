@@ -117,8 +117,9 @@ impl Estimator<'_> {
                 partial.before *= f32::from(u8::from(self.plan.techniques.hit));
             }
             partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
+            let end = End { vertex, partial };
+            let vertex = &end.vertex;
             if !vertex.is_delta() {
-                let end = End { vertex, partial };
                 self.connect_with_lens(tracer, &end, &mut self.lens_random(path, edges), out);
                 if self.merge_radius.is_some() {
                     let payload = MergePayload {
@@ -136,16 +137,16 @@ impl Estimator<'_> {
                     });
                 }
                 if self.plan.techniques.connect {
-                    out.vertices.push(end);
+                    out.vertices.push(end.clone());
                 }
             }
             let Some(scattered) = vertex.sample(random) else {
                 return;
             };
-            if !walk.go_on(&vertex, &scattered, random) {
+            if !walk.go_on(vertex, &scattered, random) {
                 return;
             }
-            partial = self.partial_after(&vertex, partial, self.light_edges.of(edges), &scattered);
+            partial = self.partial_after(vertex, partial, self.light_edges.of(edges), &scattered);
         }
     }
 

@@ -107,7 +107,7 @@ struct Estimator<'a> {
 }
 
 /// A vertex of a subpath that the other side's subpaths can be connected and merged with.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct End {
     vertex: Vertex,
     partial: Partial,

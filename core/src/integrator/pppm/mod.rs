@@ -147,7 +147,7 @@ fn trace_queries(
             let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
             if rough {
                 queries.push(Query {
-                    vertex,
+                    vertex: vertex.clone(),
                     pixel: sample.pixel as u32,
                     limit: count_edges(max_edges - vertex.edges),
                 });

@@ -8,6 +8,8 @@ mod symmetry;
 
 use super::*;
 use crate::random::{PathRandom, Stream};
+use crate::spectrum::Spectrum;
+use crate::texture::TexturePoint;
 
 const UV: Vec2 = Vec2::new(0.5, 0.5);
 const AT: TexturePoint = TexturePoint {
@@ -18,6 +20,19 @@ const AT: TexturePoint = TexturePoint {
 };
 const WHITE: Texture = Texture::Constant(Spectrum::ONE);
 const MODES: [TransportMode; 2] = [TransportMode::Radiance, TransportMode::Flux];
+
+/// Tangents that are neither of unit length nor perpendicular.
+const TANGENTS: Tangents = Tangents {
+    du: Vec3::new(2.0, 0.0, 0.0),
+    dv: Vec3::new(0.5, 1.5, 0.0),
+};
+
+impl Material {
+    /// The BSDF at a point of a surface with [`TANGENTS`].
+    fn resolve(&self, at: &TexturePoint, wo: Vec3) -> Bsdf {
+        self.resolve_on(at, wo, &|| TANGENTS)
+    }
+}
 
 fn grey(v: f32) -> Texture {
     Texture::Constant(Spectrum::splat(v))
@@ -30,10 +45,21 @@ fn facets(kind: MicrofacetKind, x: f32, y: f32) -> Microfacets {
     }
 }
 
+fn roughness(facets: Microfacets) -> Roughness {
+    Roughness {
+        kind: facets.kind,
+        alpha: [grey(facets.alpha.x), grey(facets.alpha.y)],
+    }
+}
+
+fn rgb(rgb: [f32; 3]) -> Texture {
+    Texture::Constant(Spectrum::from_rgb(rgb))
+}
+
 fn mirror() -> Material {
     Material::Conductor {
-        eta: Spectrum::ZERO,
-        k: Spectrum::ONE,
+        eta: grey(0.0),
+        k: WHITE,
         specular_reflectance: WHITE,
     }
 }
@@ -41,18 +67,18 @@ fn mirror() -> Material {
 /// A rough perfect mirror.
 fn rough_mirror(distribution: Microfacets) -> Material {
     Material::RoughConductor {
-        eta: Spectrum::ZERO,
-        k: Spectrum::ONE,
-        distribution,
+        eta: grey(0.0),
+        k: WHITE,
+        distribution: roughness(distribution),
         specular_reflectance: WHITE,
     }
 }
 
 fn rough_gold(distribution: Microfacets, reflectance: Spectrum) -> Material {
     Material::RoughConductor {
-        eta: Spectrum::from_rgb([0.143, 0.375, 1.442]),
-        k: Spectrum::from_rgb([3.983, 2.3856, 1.6034]),
-        distribution,
+        eta: rgb([0.143, 0.375, 1.442]),
+        k: rgb([3.983, 2.3856, 1.6034]),
+        distribution: roughness(distribution),
         specular_reflectance: Texture::Constant(reflectance),
     }
 }
@@ -68,7 +94,7 @@ fn glass(eta: f32) -> Material {
 fn rough_glass(eta: f32, distribution: Microfacets, transmittance: Spectrum) -> Material {
     Material::RoughDielectric {
         eta,
-        distribution,
+        distribution: roughness(distribution),
         specular_reflectance: WHITE,
         specular_transmittance: Texture::Constant(transmittance),
     }
@@ -83,6 +109,67 @@ fn plastic(eta: f32, albedo: f32, nonlinear: bool) -> Material {
     }
 }
 
+/// A rough coat of relative index `eta` over a grey base.
+fn rough_plastic(eta: f32, distribution: Microfacets, albedo: f32, nonlinear: bool) -> Material {
+    Material::RoughPlastic {
+        coat: Box::new(RoughCoat::new(eta, roughness(distribution), nonlinear)),
+        diffuse_reflectance: grey(albedo),
+        specular_reflectance: WHITE,
+    }
+}
+
+fn pane(eta: f32) -> Material {
+    Material::ThinDielectric {
+        eta,
+        specular_reflectance: WHITE,
+        specular_transmittance: WHITE,
+    }
+}
+
+fn mask(opacity: f32, nested: Material) -> Material {
+    Material::Mask {
+        opacity: grey(opacity),
+        nested: Box::new(nested),
+    }
+}
+
+fn blend(weight: f32, first: Material, second: Material) -> Material {
+    Material::Blend {
+        weight: grey(weight),
+        nested: Box::new([first, second]),
+    }
+}
+
+const TILT: Tilt = Tilt {
+    flip_invalid_normals: true,
+    shadowing: true,
+};
+
+/// A normal map of one colour.
+fn normal_map(colour: [f32; 3], tilt: Tilt, nested: Material) -> Material {
+    Material::NormalMap {
+        normals: rgb(colour),
+        tilt,
+        nested: Box::new(nested),
+    }
+}
+
+/// A clear coat; rough ones with the roughness `alpha` of GGX.
+fn coating(eta: f32, alpha: Option<f32>, absorption: f32, nested: Material) -> Material {
+    let rough = |alpha| {
+        let table = TransmittanceTable::new(MicrofacetKind::Ggx, alpha, eta);
+        (roughness(facets(MicrofacetKind::Ggx, alpha, alpha)), table)
+    };
+    Material::Coating(Box::new(Coating {
+        eta,
+        rough: alpha.map(rough),
+        specular_reflectance: WHITE,
+        absorption: grey(absorption),
+        thickness: 1.0,
+        nested,
+    }))
+}
+
 fn two_sided(front: Material, back: Material) -> Material {
     Material::TwoSided {
         front: Box::new(front),
@@ -92,8 +179,18 @@ fn two_sided(front: Material, back: Material) -> Material {
 
 /// One of every material with a density, and several roughnesses.
 fn scattering() -> Vec<(&'static str, Material)> {
+    let mut all = lobes();
+    all.extend(composed());
+    all
+}
+
+fn diffuse() -> Material {
+    Material::Diffuse { reflectance: grey(0.7) }
+}
+
+/// Materials of one or two lobes.
+fn lobes() -> Vec<(&'static str, Material)> {
     use MicrofacetKind::{Beckmann, Ggx};
-    let diffuse = || Material::Diffuse { reflectance: grey(0.7) };
     vec![
         ("diffuse", diffuse()),
         ("rough mirror, GGX 0.05", rough_mirror(facets(Ggx, 0.05, 0.05))),
@@ -130,6 +227,87 @@ fn scattering() -> Vec<(&'static str, Material)> {
         ("nonlinear plastic of high index", plastic(2.4, 0.9, true)),
         ("plastic on the back", two_sided(diffuse(), plastic(1.49, 0.5, false))),
     ]
+}
+
+/// Materials that are made of others.
+fn composed() -> Vec<(&'static str, Material)> {
+    use MicrofacetKind::{Beckmann, Ggx};
+    let gold = || rough_gold(facets(Ggx, 0.1, 0.3), Spectrum::ONE);
+    let frosted = || rough_glass(1.5, facets(Ggx, 0.3, 0.3), Spectrum::ONE);
+    vec![
+        (
+            "rough plastic, GGX 0.1",
+            rough_plastic(1.49, facets(Ggx, 0.1, 0.1), 0.5, false),
+        ),
+        (
+            "nonlinear rough plastic, Beckmann 0.4",
+            rough_plastic(1.9, facets(Beckmann, 0.4, 0.4), 0.9, true),
+        ),
+        ("mask over frosted glass", mask(0.6, frosted())),
+        (
+            "mask over two sides",
+            mask(0.7, two_sided(diffuse(), plastic(1.49, 0.5, false))),
+        ),
+        ("blend of metal and glass", blend(0.3, gold(), frosted())),
+        (
+            "blends within blends",
+            blend(0.5, blend(0.2, diffuse(), plastic(1.49, 0.5, true)), mask(0.5, gold())),
+        ),
+        (
+            "mixture that absorbs",
+            Material::Mixture(vec![(0.2, diffuse()), (0.5, gold()), (0.1, mirror())]),
+        ),
+        ("tilted gold", normal_map([0.65, 0.4, 0.9], TILT, gold())),
+        ("tilted frosted glass", normal_map([0.6, 0.6, 0.9], TILT, frosted())),
+        ("steep diffuse", normal_map([0.9, 0.45, 0.7], TILT, diffuse())),
+        (
+            "tilted plastic, as it comes",
+            normal_map(
+                [0.7, 0.5, 0.9],
+                Tilt {
+                    flip_invalid_normals: false,
+                    shadowing: false,
+                },
+                plastic(1.49, 0.5, false),
+            ),
+        ),
+        ("clear coat on gold", coating(1.5, None, 0.0, gold())),
+        ("tinted coat on diffuse", coating(1.7, None, 0.3, diffuse())),
+        ("rough coat on gold", coating(1.5, Some(0.2), 0.1, gold())),
+        ("rough coat on a mirror", coating(1.5, Some(0.3), 0.0, mirror())),
+        (
+            "coat over a tilted mirror and plastic",
+            coating(
+                1.4,
+                None,
+                0.0,
+                blend(
+                    0.5,
+                    normal_map([0.6, 0.5, 0.95], TILT, mirror()),
+                    plastic(1.8, 0.5, true),
+                ),
+            ),
+        ),
+        (
+            "two sides of coats and plastic",
+            two_sided(
+                coating(1.5, None, 0.1, gold()),
+                rough_plastic(1.49, facets(Ggx, 0.2, 0.2), 0.5, false),
+            ),
+        ),
+    ]
+}
+
+/// Whether a material scatters in radiance as it does in flux, and the same there and back on one side.
+fn is_symmetric(material: &Material) -> bool {
+    match material {
+        Material::NormalMap { .. } | Material::BumpMap { .. } => false,
+        Material::Coating(coating) => is_symmetric(&coating.nested),
+        Material::Blend { nested, .. } => nested.iter().all(is_symmetric),
+        Material::Mixture(parts) => parts.iter().all(|(_, nested)| is_symmetric(nested)),
+        Material::Mask { nested, .. } => is_symmetric(nested),
+        _ => true,
+    }
 }
 
 /// Along the normal, oblique, grazing, from below, and grazing from below.

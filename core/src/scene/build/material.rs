@@ -2,26 +2,39 @@
 
 use super::Builder;
 use super::texture::{Role, colour};
-use crate::material::{Coat, Material, MicrofacetKind, Microfacets, ior};
-use crate::math::Vec2;
+use crate::material::{Coat, Material, MicrofacetKind, RoughCoat, Roughness, ior};
 use crate::scene::description::{Kind, ObjectId, Value};
-use crate::scene::error::{SceneError, shortened};
+use crate::scene::error::{SceneError, shortened, within};
 use crate::scene::reader::{POSITIVE, Reader};
 use crate::scene::spectrum::Use;
 use crate::spectrum::Spectrum;
 use crate::texture::Texture;
 use std::ops::RangeInclusive;
 
-const SUPPORTED: [&str; 8] = [
+const SUPPORTED: [&str; 18] = [
     "diffuse",
     "twosided",
     "dielectric",
     "roughdielectric",
+    "thindielectric",
     "conductor",
     "roughconductor",
     "plastic",
+    "roughplastic",
+    "coating",
+    "roughcoating",
+    "mask",
+    "blendbsdf",
+    "mixturebsdf",
+    "normalmap",
+    "bumpmap",
+    "bump",
     "null",
 ];
+/// How deep BSDFs lie within each other at most.
+const DEEPEST: u64 = 16;
+/// How many BSDFs a material consists of at most: each of them is looked up at every hit.
+const MOST_WITHIN: u64 = 256;
 /// The range of roughness: below it the microfacet distributions lose precision.
 const ROUGHNESS: RangeInclusive<f64> = 1e-4..=10.0;
 
@@ -58,20 +71,43 @@ impl Builder<'_, '_> {
         })
     }
 
-    fn new_material(&mut self, object: ObjectId) -> Result<Material, SceneError> {
+    pub(super) fn new_material(&mut self, object: ObjectId) -> Result<Material, SceneError> {
         let reader = self.reader(object);
         if self.building.contains(&object) {
             let place = reader.place().clone();
             let (id, reason) = (reader.object.plugin.clone(), "the BSDF contains itself".to_owned());
             return Err(SceneError::Reference { place, id, reason });
         }
+        if self.building.is_empty() {
+            self.bsdfs_within = 0;
+        }
+        self.bsdfs_within += 1;
+        within(
+            reader.place(),
+            "depth of BSDFs",
+            self.building.len() as u64 + 1,
+            DEEPEST,
+        )?;
+        within(
+            reader.place(),
+            "number of BSDFs within one",
+            self.bsdfs_within,
+            MOST_WITHIN,
+        )?;
         self.building.push(object);
         let material = match reader.object.plugin.as_str() {
             "diffuse" => self.diffuse(&reader),
             "twosided" => self.two_sided(&reader),
-            "dielectric" | "roughdielectric" => self.dielectric(&reader),
+            "dielectric" | "roughdielectric" | "thindielectric" => self.dielectric(&reader),
             "conductor" | "roughconductor" => self.conductor(&reader),
             "plastic" => self.plastic(&reader),
+            "roughplastic" => self.rough_plastic(&reader),
+            "coating" | "roughcoating" => self.coating(&reader),
+            "mask" => self.mask(&reader),
+            "blendbsdf" => self.blend(&reader),
+            "mixturebsdf" => self.mixture(&reader),
+            "normalmap" => self.normal_map(&reader),
+            "bumpmap" | "bump" => self.bump_map(&reader),
             "null" => Ok(Material::Null),
             other => match StandIn::of(other) {
                 Some(stand_in) => self.stand_in(&reader, stand_in),
@@ -97,10 +133,6 @@ impl Builder<'_, '_> {
                 }
             }
             StandIn::Nothing(_) => Material::Null,
-            StandIn::Nested(_) => match reader.children(Kind::Bsdf).first() {
-                Some(nested) => self.new_material(nested.target)?,
-                None => return Err(reader.missing("a nested BSDF")),
-            },
         };
         reader.accept_rest();
         Ok(material)
@@ -135,15 +167,10 @@ impl Builder<'_, '_> {
         let built = self.new_material(object);
         let side = self.description.attempt(object, built)?;
         match side {
-            Some(
-                material @ (Material::Diffuse { .. }
-                | Material::Conductor { .. }
-                | Material::RoughConductor { .. }
-                | Material::Plastic { .. }),
-            ) => return Ok(Box::new(material)),
+            Some(material) if !material.transmits() => return Ok(Box::new(material)),
             Some(_) if !self.description.objects[object].faulty.get() => {
                 let place = &self.description.objects[object].place;
-                let reason = "a side must reflect only: diffuse, conductor, roughconductor, plastic";
+                let reason = "a side must reflect only, and this BSDF lets light through";
                 reader.fault(SceneError::value(place, reader.context(), reason))?;
             }
             _ => reader.object.faulty.set(true),
@@ -156,19 +183,23 @@ impl Builder<'_, '_> {
         let specular_reflectance = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?;
         let specular_transmittance =
             self.colour_or_texture(reader, "specular_transmittance", Role::REFLECTANCE, 1.0)?;
-        if reader.object.plugin == "dielectric" {
-            return Ok(Material::Dielectric {
+        Ok(match reader.object.plugin.as_str() {
+            "dielectric" => Material::Dielectric {
                 eta,
                 specular_reflectance,
                 specular_transmittance,
-            });
-        }
-        let distribution = microfacets(reader)?;
-        Ok(Material::RoughDielectric {
-            eta,
-            distribution,
-            specular_reflectance,
-            specular_transmittance,
+            },
+            "thindielectric" => Material::ThinDielectric {
+                eta,
+                specular_reflectance,
+                specular_transmittance,
+            },
+            _ => Material::RoughDielectric {
+                eta,
+                distribution: self.roughness(reader)?,
+                specular_reflectance,
+                specular_transmittance,
+            },
         })
     }
 
@@ -181,8 +212,20 @@ impl Builder<'_, '_> {
         })
     }
 
+    fn rough_plastic(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let eta = relative_index(reader, "polypropylene")?;
+        let distribution = self.roughness(reader)?;
+        warn_of_mean_roughness(reader, &distribution);
+        let coat = RoughCoat::new(eta, distribution, reader.boolean("nonlinear", false)?);
+        Ok(Material::RoughPlastic {
+            coat: Box::new(coat),
+            diffuse_reflectance: self.colour_or_texture(reader, "diffuse_reflectance", Role::REFLECTANCE, 0.5)?,
+            specular_reflectance: self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?,
+        })
+    }
+
     fn conductor(&mut self, reader: &Reader) -> Result<Material, SceneError> {
-        let (eta, k) = complex_index(reader)?;
+        let (eta, k) = self.complex_index(reader)?;
         let specular_reflectance = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 1.0)?;
         if reader.object.plugin == "conductor" {
             return Ok(Material::Conductor {
@@ -191,7 +234,7 @@ impl Builder<'_, '_> {
                 specular_reflectance,
             });
         }
-        let distribution = microfacets(reader)?;
+        let distribution = self.roughness(reader)?;
         Ok(Material::RoughConductor {
             eta,
             k,
@@ -211,23 +254,16 @@ enum StandIn {
     Diffuse,
     /// Light passes; with what is lost.
     Nothing(&'static str),
-    /// The BSDF within it; with what is lost.
-    Nested(&'static str),
 }
 
 impl StandIn {
     /// For a plugin's name.
     fn of(plugin: &str) -> Option<Self> {
         Some(match plugin {
-            "roughplastic" | "pplastic" => Self::SmoothPlastic,
+            "pplastic" => Self::SmoothPlastic,
             "difftrans" | "hair" | "hk" | "irawan" | "measured" | "measured_polarized" | "phong" | "principled"
             | "principledthin" | "rmbrdf" | "roughdiffuse" | "ward" => Self::Diffuse,
-            "thindielectric" => Self::Nothing("the pane does not mirror"),
             "circular" | "polarizer" | "retarder" => Self::Nothing("light is not polarised"),
-            "mask" => Self::Nested("its opacity cuts nothing out"),
-            "bumpmap" | "bump" | "normalmap" => Self::Nested("the surface is without its bumps"),
-            "coating" | "roughcoating" => Self::Nested("the surface is without its coat"),
-            "blendbsdf" | "mixturebsdf" | "mixture" => Self::Nested("the first of its BSDFs covers all"),
             _ => return None,
         })
     }
@@ -235,18 +271,15 @@ impl StandIn {
     /// How the picture differs.
     fn without(self) -> String {
         match self {
-            Self::SmoothPlastic => {
-                "this type does not exist yet: it is rendered as `plastic`, with a smooth coat".into()
-            }
+            Self::SmoothPlastic => "light is not polarised: it is rendered as `plastic`".into(),
             Self::Diffuse => "this type does not exist yet: it is rendered as `diffuse`".into(),
             Self::Nothing(lost) => format!("this type does not exist yet: it is rendered as `null`, and {lost}"),
-            Self::Nested(lost) => format!("this type does not exist yet: the BSDF within it is rendered, and {lost}"),
         }
     }
 }
 
 /// The index of the interior, `default` unless it is given, over that of the exterior.
-fn relative_index(reader: &Reader, default: &str) -> Result<f32, SceneError> {
+pub(super) fn relative_index(reader: &Reader, default: &str) -> Result<f32, SceneError> {
     let interior = refractive_index(reader, "int_ior", default)?;
     let exterior = refractive_index(reader, "ext_ior", "air")?;
     let eta = (interior / exterior) as f32;
@@ -272,81 +305,104 @@ fn refractive_index(reader: &Reader, name: &str, default: &str) -> Result<f64, S
     Ok(1.0)
 }
 
-/// The complex index of a conductor: a named material, or `eta` and `k`; a perfect mirror by default.
-fn complex_index(reader: &Reader) -> Result<(Spectrum, Spectrum), SceneError> {
-    for name in ["eta", "k"] {
-        if let Some(child) = reader
-            .object
-            .children
-            .iter()
-            .find(|child| child.name.as_deref() == Some(name))
-        {
-            let field = format!("{} `{name}`", reader.context());
-            let reason = "textures are not supported here; give rgb or spectrum";
-            return Err(SceneError::value(&child.place, field, reason));
-        }
-    }
-    let (eta, k) = (
-        colour(reader, "eta", Use::Constant)?,
-        colour(reader, "k", Use::Constant)?,
-    );
-    let material = reader.string("material")?.filter(|name| *name != "none");
-    let exterior = refractive_index(reader, "ext_eta", "vacuum")? as f32;
-    let relative = |eta: Spectrum, k: Spectrum| (eta * (1.0 / exterior), k * (1.0 / exterior));
-    match (material, eta, k) {
-        (None, eta, k) => {
-            let (eta, k) = (eta.unwrap_or(Spectrum::ZERO), k.unwrap_or(Spectrum::ONE));
-            if eta.zip(k, f32::max).to_rgb().contains(&0.0) {
-                return Err(reader.wrong("k", "`eta` and `k` are both 0 in a channel"));
-            }
-            Ok(relative(eta, k))
-        }
-        (Some(name), None, None) => match ior::conductor(name) {
-            Some((eta, k)) => Ok(relative(eta, k)),
-            None => {
-                let problem = format!("there is no conductor `{}`; there are", shortened(name));
-                Err(reader.no_such("material", &problem, name, ior::conductor_names()))
-            }
-        },
-        _ => Err(reader.wrong("material", "give either `material` or `eta` and `k`, not both")),
+/// Whether the object has a texture of this name.
+fn has_texture(reader: &Reader, name: &str) -> bool {
+    let mut children = reader.object.children.iter();
+    children.any(|child| child.name.as_deref() == Some(name))
+}
+
+/// Warns where a coat's roughness varies.
+pub(super) fn warn_of_mean_roughness(reader: &Reader, roughness: &Roughness) {
+    if roughness
+        .alpha
+        .iter()
+        .any(|alpha| !matches!(alpha, Texture::Constant(_)))
+    {
+        let mean =
+            "the light that its coat lets through is that of the mean roughness; what it reflects follows the texture";
+        reader.warn_of("alpha", mean);
     }
 }
 
-fn microfacets(reader: &Reader) -> Result<Microfacets, SceneError> {
-    // The last two are Mitsuba 0.x's, which takes their roughness as that of Beckmann's.
-    let kinds = [
-        ("beckmann", (MicrofacetKind::Beckmann, None)),
-        ("ggx", (MicrofacetKind::Ggx, None)),
-        ("phong", (MicrofacetKind::Beckmann, Some("phong"))),
-        ("as", (MicrofacetKind::Beckmann, Some("as"))),
-    ];
-    let (kind, replaced) = reader.choice("distribution", &kinds, (MicrofacetKind::Beckmann, None))?;
-    if let Some(written) = replaced {
-        let instead = format!("`beckmann` of the same roughness stands in for `{written}`");
-        reader.warn_of("distribution", &instead);
-    }
-    reader.boolean("sample_visible", true)?;
-    for name in ["alpha", "alpha_u", "alpha_v"] {
-        if let Some(child) = reader
-            .object
-            .children
-            .iter()
-            .find(|child| child.name.as_deref() == Some(name))
-        {
-            let field = format!("{} `{name}`", reader.context());
-            let reason = "textured roughness is not supported; give a number";
-            return Err(SceneError::value(&child.place, field, reason));
+impl Builder<'_, '_> {
+    /// The complex index of a conductor: a named material, or `eta` and `k`; a perfect mirror by default.
+    fn complex_index(&mut self, reader: &Reader) -> Result<(Texture, Texture), SceneError> {
+        let exterior = refractive_index(reader, "ext_eta", "vacuum")? as f32;
+        if has_texture(reader, "eta") || has_texture(reader, "k") {
+            if exterior != 1.0 {
+                reader.warn_of(
+                    "ext_eta",
+                    "textures of `eta` and `k` are taken as relative to the exterior",
+                );
+            }
+            let eta = self.colour_or_texture(reader, "eta", Role::CONSTANT, 0.0)?;
+            return Ok((eta, self.colour_or_texture(reader, "k", Role::CONSTANT, 1.0)?));
+        }
+        let (eta, k) = (
+            colour(reader, "eta", Use::Constant)?,
+            colour(reader, "k", Use::Constant)?,
+        );
+        let material = reader.string("material")?.filter(|name| *name != "none");
+        let relative = |eta: Spectrum, k: Spectrum| {
+            let relative = [eta, k].map(|index| Texture::Constant(index * (1.0 / exterior)));
+            let [eta, k] = relative;
+            (eta, k)
+        };
+        match (material, eta, k) {
+            (None, eta, k) => {
+                let (eta, k) = (eta.unwrap_or(Spectrum::ZERO), k.unwrap_or(Spectrum::ONE));
+                if eta.zip(k, f32::max).to_rgb().contains(&0.0) {
+                    return Err(reader.wrong("k", "`eta` and `k` are both 0 in a channel"));
+                }
+                Ok(relative(eta, k))
+            }
+            (Some(name), None, None) => match ior::conductor(name) {
+                Some((eta, k)) => Ok(relative(eta, k)),
+                None => {
+                    let problem = format!("there is no conductor `{}`; there are", shortened(name));
+                    Err(reader.no_such("material", &problem, name, ior::conductor_names()))
+                }
+            },
+            _ => Err(reader.wrong("material", "give either `material` or `eta` and `k`, not both")),
         }
     }
-    let alpha = reader.float("alpha", ROUGHNESS)?;
-    let (u, v) = (reader.float("alpha_u", ROUGHNESS)?, reader.float("alpha_v", ROUGHNESS)?);
-    let alpha = match (alpha, u, v) {
-        (alpha, None, None) => [alpha.unwrap_or(0.1); 2],
-        (None, Some(u), Some(v)) => [u, v],
-        _ => return Err(reader.wrong("alpha_u", "give either `alpha`, or `alpha_u` and `alpha_v` both")),
-    };
-    Ok(Microfacets {
-        kind,
-        alpha: Vec2::new(alpha[0] as f32, alpha[1] as f32),
-    })
+
+    /// The distribution of microfacets, whose roughness may be a texture.
+    pub(super) fn roughness(&mut self, reader: &Reader) -> Result<Roughness, SceneError> {
+        // The last two are Mitsuba 0.x's, which takes their roughness as that of Beckmann's.
+        let kinds = [
+            ("beckmann", (MicrofacetKind::Beckmann, None)),
+            ("ggx", (MicrofacetKind::Ggx, None)),
+            ("phong", (MicrofacetKind::Beckmann, Some("phong"))),
+            ("as", (MicrofacetKind::Beckmann, Some("as"))),
+        ];
+        let (kind, replaced) = reader.choice("distribution", &kinds, (MicrofacetKind::Beckmann, None))?;
+        if let Some(written) = replaced {
+            let instead = format!("`beckmann` of the same roughness stands in for `{written}`");
+            reader.warn_of("distribution", &instead);
+        }
+        reader.boolean("sample_visible", true)?;
+        let alpha = self.roughness_along(reader, "alpha")?;
+        let along = [
+            self.roughness_along(reader, "alpha_u")?,
+            self.roughness_along(reader, "alpha_v")?,
+        ];
+        let alpha = match (alpha, along) {
+            (alpha, [None, None]) => {
+                let alpha = alpha.unwrap_or(Texture::Constant(Spectrum::splat(0.1)));
+                [alpha.clone(), alpha]
+            }
+            (None, [Some(u), Some(v)]) => [u, v],
+            _ => return Err(reader.wrong("alpha_u", "give either `alpha`, or `alpha_u` and `alpha_v` both")),
+        };
+        Ok(Roughness { kind, alpha })
+    }
+
+    fn roughness_along(&mut self, reader: &Reader, name: &str) -> Result<Option<Texture>, SceneError> {
+        if has_texture(reader, name) {
+            return self.colour_or_texture(reader, name, Role::CONSTANT, 0.1).map(Some);
+        }
+        let alpha = reader.float(name, ROUGHNESS)?;
+        Ok(alpha.map(|alpha| Texture::Constant(Spectrum::splat(alpha as f32))))
+    }
 }

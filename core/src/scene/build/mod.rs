@@ -5,6 +5,7 @@ mod curves;
 mod daylight;
 mod instance;
 mod integrator;
+mod layered;
 mod light;
 mod light_image;
 mod material;
@@ -127,6 +128,8 @@ struct Builder<'b, 'f> {
     default_material: Option<u32>,
     /// Materials that are being built: a reference to one of them is a cycle.
     building: Vec<ObjectId>,
+    /// BSDFs that the material which is being built consists of so far.
+    bsdfs_within: u64,
     bitmaps: BTreeMap<texture::BitmapKey, Arc<Bitmap>>,
     meshes: MeshTotals,
     texels: u64,
@@ -155,6 +158,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             material_of: BTreeMap::new(),
             default_material: None,
             building: Vec::new(),
+            bsdfs_within: 0,
             bitmaps: BTreeMap::new(),
             meshes: MeshTotals::default(),
             texels: 0,

@@ -6,7 +6,7 @@ use crate::scene::description::{Kind, ObjectId, Property, SpectrumValue, Value};
 use crate::scene::error::SceneError;
 use crate::scene::image;
 use crate::scene::reader::{ANY, Colour, Reader};
-use crate::scene::spectrum::{BRIGHTEST, Use, to_rgb};
+use crate::scene::spectrum::{BRIGHTEST, LARGEST_CONSTANT, Use, to_rgb};
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, Texture, TextureFilter, UvTransform, WrapMode};
 use glam::DMat4;
@@ -24,6 +24,8 @@ pub(super) struct Role {
 impl Role {
     pub(super) const REFLECTANCE: Self = Self { used: Use::Reflectance };
     pub(super) const EMISSION: Self = Self { used: Use::Emission };
+    /// A number, a normal or an optical constant: no colour that is seen.
+    pub(super) const CONSTANT: Self = Self { used: Use::Constant };
 }
 
 impl Builder<'_, '_> {
@@ -107,7 +109,7 @@ impl Builder<'_, '_> {
         reader.ignore(&["accel", "cache", "format", "max_anisotropy"]);
         reader.finish();
         let bitmap = self.bitmap_file(reader, raw, wrap, filter)?;
-        if raw && image::is_encoded(&self.file(reader)?.bytes) {
+        if raw && role != Role::CONSTANT && image::is_encoded(&self.file(reader)?.bytes) {
             let message = "it takes the sRGB values of this image as linear, so that its colours come out too light; leave it out";
             reader.warn_of("raw", message);
         }
@@ -118,6 +120,10 @@ impl Builder<'_, '_> {
             .fold(0.0, f32::max);
         if role.used == Use::Reflectance && brightest > 1.0 {
             let reason = format!("a texel is {brightest}; reflectances are at most 1");
+            return Err(reader.wrong("filename", reason));
+        }
+        if role == Role::CONSTANT && f64::from(brightest) > LARGEST_CONSTANT {
+            let reason = format!("a texel is {brightest}; numbers from textures reach to {LARGEST_CONSTANT:e}");
             return Err(reader.wrong("filename", reason));
         }
         if role.used == Use::Emission && f64::from(brightest) > BRIGHTEST {

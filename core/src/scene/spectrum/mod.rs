@@ -20,7 +20,7 @@ pub(crate) enum Use {
 /// The brightest light: beyond it power and its squares leave single precision.
 pub(crate) const BRIGHTEST: f64 = 1e12;
 /// The largest optical constant.
-const LARGEST_CONSTANT: f64 = 1e4;
+pub(crate) const LARGEST_CONSTANT: f64 = 1e4;
 
 /// The RGB value of a colour, or why it has none.
 pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
