@@ -53,14 +53,15 @@ impl Spectrum {
 
     /// The average, summed at double precision.
     #[must_use]
-    pub fn average(values: &[Self]) -> Self {
+    pub fn average(values: impl ExactSizeIterator<Item = Self>) -> Self {
+        let count = values.len() as f64;
         let mut sums = [0.0; CHANNELS];
         for value in values {
             for (sum, channel) in sums.iter_mut().zip(value.0) {
                 *sum += f64::from(channel);
             }
         }
-        Self(sums.map(|sum| (sum / values.len() as f64) as f32))
+        Self(sums.map(|sum| (sum / count) as f32))
     }
 
     /// Applies `f` to each channel.

@@ -45,7 +45,7 @@ fn corners(image: &Bitmap, column: usize, row: usize) -> [Spectrum; 4] {
     let right = if column + 1 < image.width { column + 1 } else { 0 };
     let upper = row * image.width;
     let lower = (row + 1).min(image.height - 1) * image.width;
-    [upper + column, upper + right, lower + column, lower + right].map(|i| image.texels[i])
+    [upper + column, upper + right, lower + column, lower + right].map(|i| image.texels.get(i))
 }
 
 fn luminances(image: &Bitmap, column: usize, row: usize) -> [f32; 4] {

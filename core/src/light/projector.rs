@@ -84,10 +84,8 @@ impl Projector {
     /// Irradiance of the plane [W/unit^2]: that by which a white surface has the image's radiance.
     fn irradiance(&self, uv: Vec2) -> Spectrum {
         let at = TexturePoint {
-            uv,
             position: self.position,
-            primitive: 0,
-            barycentric: Vec2::ZERO,
+            ..TexturePoint::of_uv(uv)
         };
         self.image.eval(&at) * (PI * self.scale)
     }

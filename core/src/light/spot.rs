@@ -33,7 +33,10 @@ impl Slide {
     fn factor(&self, direction: Vec3, position: Vec3) -> Spectrum {
         let local = self.axes.to_local(direction);
         let uv = 0.5 * (Vec2::ONE + local.truncate() / (local.z * self.half_size));
-        self.texture.eval(&TexturePoint { uv, position })
+        self.texture.eval(&TexturePoint {
+            position,
+            ..TexturePoint::of_uv(uv)
+        })
     }
 }
 

@@ -3,7 +3,10 @@
 use super::blend::Blend;
 use super::coated::Coated;
 use super::perturbed::Perturbed;
-use super::{Coat, GRAZING, Microfacets, TransportMode, coat, conductor, dielectric, diffuse};
+use super::{
+    Coat, GRAZING, GlossyLobe, Microfacets, RoughDiffuseLobe, SolidLobe, ThinLobe, TransmitterLobe, TransportMode,
+    coat, conductor, dielectric, diffuse,
+};
 use crate::math::{ONE_MINUS_EPSILON, Vec2, Vec3};
 use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TexturePoint};
@@ -133,6 +136,16 @@ pub enum Lobe {
     },
     /// Straight through: a delta function.
     Null,
+    /// Diffuse reflection by a rough surface, on the outer side.
+    RoughDiffuse(RoughDiffuseLobe),
+    /// A highlight beside diffuse reflection, on the outer side.
+    Glossy(GlossyLobe),
+    /// Diffuse reflection and transmission by a thin sheet.
+    Transmitter(TransmitterLobe),
+    /// Burley's model of a solid body.
+    Principled(SolidLobe),
+    /// Burley's model of a sheet.
+    PrincipledThin(ThinLobe),
 }
 
 /// Factors that a material puts on the two branches of a dielectric boundary.
@@ -391,6 +404,11 @@ impl Lobe {
                 reflectance,
             } => *reflectance * coat::eval_rough(*eta, facets, wo, wi),
             Self::CoatedDiffuse { eta, base } => *base * coat::eval_base(*eta, wo, wi),
+            Self::RoughDiffuse(lobe) => lobe.f(wo, wi),
+            Self::Glossy(lobe) => lobe.f(wo, wi),
+            Self::Transmitter(lobe) => lobe.f(wo, wi),
+            Self::Principled(lobe) => lobe.f(wo, wi, mode),
+            Self::PrincipledThin(lobe) => lobe.f(wo, wi),
             Self::Dielectric { .. }
             | Self::ThinDielectric { .. }
             | Self::Conductor { .. }
@@ -402,11 +420,15 @@ impl Lobe {
     /// As [`Bsdf::pdf`].
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         match self {
-            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => diffuse::pdf(wo, wi),
+            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } | Self::RoughDiffuse(_) => diffuse::pdf(wo, wi),
             Self::RoughDielectric { eta, facets, .. } => dielectric::pdf(*eta, facets, wo, wi),
             Self::RoughConductor { facets, .. } | Self::RoughCoatReflection { facets, .. } => {
                 conductor::pdf(facets, wo, wi)
             }
+            Self::Glossy(lobe) => lobe.pdf(wo, wi),
+            Self::Transmitter(lobe) => lobe.pdf(wo, wi),
+            Self::Principled(lobe) => lobe.pdf(wo, wi),
+            Self::PrincipledThin(lobe) => lobe.pdf(wo, wi),
             Self::Dielectric { .. }
             | Self::ThinDielectric { .. }
             | Self::Conductor { .. }
@@ -441,6 +463,11 @@ impl Lobe {
             } => Some(coat::sample_rough(*eta, facets, wo, u)?.tinted(*reflectance)),
             Self::CoatedDiffuse { eta, base } => Some(coat::sample_base(*eta, wo, u)?.tinted(*base)),
             Self::Null => pass_through(wo),
+            Self::RoughDiffuse(surface) => surface.sample(wo, u),
+            Self::Glossy(surface) => surface.sample(wo, lobe, u),
+            Self::Transmitter(sheet) => sheet.sample(wo, lobe, u),
+            Self::Principled(body) => body.sample(wo, lobe, u, mode),
+            Self::PrincipledThin(sheet) => sheet.sample(wo, lobe, u),
         }
     }
 
@@ -453,10 +480,15 @@ impl Lobe {
     /// The smaller microfacet roughness: infinite for diffuse scattering, `None` for delta functions.
     fn least_roughness(&self) -> Option<f32> {
         match self {
-            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } => Some(f32::INFINITY),
+            Self::Diffuse { .. } | Self::CoatedDiffuse { .. } | Self::RoughDiffuse(_) | Self::Transmitter(_) => {
+                Some(f32::INFINITY)
+            }
             Self::RoughDielectric { facets, .. }
             | Self::RoughConductor { facets, .. }
             | Self::RoughCoatReflection { facets, .. } => Some(facets.alpha.min_element()),
+            Self::Glossy(lobe) => Some(lobe.least_roughness()),
+            Self::Principled(lobe) => Some(lobe.least_roughness()),
+            Self::PrincipledThin(lobe) => Some(lobe.least_roughness()),
             Self::Dielectric { .. }
             | Self::ThinDielectric { .. }
             | Self::Conductor { .. }

@@ -55,6 +55,7 @@ fn value(eta: Spectrum, k: Spectrum, facets: &Microfacets, wo: Vec3, wi: Vec3, m
     reflectance * (pdf_of_facet(facets, wo, m) * facets.masking_over_cos(wi))
 }
 
+/// Density of the mirror direction about the visible normal `m` [1/sr].
 pub(super) fn pdf_of_facet(facets: &Microfacets, wo: Vec3, m: Vec3) -> f32 {
     0.25 * facets.density(m) * facets.masking_over_cos(wo)
 }

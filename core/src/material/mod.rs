@@ -22,21 +22,31 @@ mod conductors;
 mod dielectric;
 mod diffuse;
 mod fresnel;
+mod glossy;
 pub mod ior;
 mod microfacet;
 mod perturbed;
+mod phong;
+mod principled;
 mod resolve;
 mod rough_coat;
+mod rough_diffuse;
 mod roughness;
 #[cfg(test)]
 mod tests;
+mod transmitter;
+mod ward;
 
 pub use bsdf::{Bsdf, BsdfSample, Lobe, Tints};
 pub use coat::Coat;
+pub use glossy::{Glossy, GlossyLobe, Highlight, WardModel};
 pub use perturbed::Tilt;
+pub use principled::{Principled, PrincipledThin, SolidLobe, ThinLobe};
 pub use resolve::Tangents;
 pub use rough_coat::TransmittanceTable;
+pub use rough_diffuse::RoughDiffuseLobe;
 pub use roughness::Roughness;
+pub use transmitter::TransmitterLobe;
 
 use crate::math::{Vec2, Vec3};
 use crate::texture::Texture;
@@ -166,6 +176,28 @@ pub enum Material {
     },
     /// Not there: light goes straight through.
     Null,
+    /// Diffuse reflection by a rough surface (Oren and Nayar 1994); outer side only.
+    RoughDiffuse {
+        /// Albedo of the surface's walls, in [0, 1].
+        reflectance: Texture,
+        /// Microfacet roughness; grey, not negative.
+        alpha: Texture,
+        /// Whether the model's short form is meant, which leaves out the light between walls.
+        fast: bool,
+    },
+    /// A highlight beside diffuse reflection; outer side only.
+    Glossy(Box<Glossy>),
+    /// A thin sheet that scatters diffusely to both sides. The two albedos add up to 1 at most.
+    Transmitter {
+        /// Albedo on the side of the light.
+        reflectance: Texture,
+        /// Albedo on the far side.
+        transmittance: Texture,
+    },
+    /// Burley's model of a solid body.
+    Principled(Box<Principled>),
+    /// Burley's model of a sheet without thickness.
+    PrincipledThin(Box<PrincipledThin>),
     /// A material for each side; neither may transmit.
     TwoSided {
         /// Seen from the outer side.

@@ -4,7 +4,7 @@ use super::blend::Blend;
 use super::coated::{Base, Coated, Passage};
 use super::perturbed::Perturbed;
 use super::roughness::share;
-use super::{Bsdf, Coating, Lobe, Material, RoughCoat, Tints, turned};
+use super::{Bsdf, Coating, Lobe, Material, RoughCoat, RoughDiffuseLobe, Tints, TransmitterLobe, turned};
 use crate::math::{Vec3, exp};
 use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TexturePoint};
@@ -84,6 +84,21 @@ impl Material {
                 specular_reflectance,
             } => return coat.resolve(at, specular_reflectance.eval(at), diffuse_reflectance.eval(at)),
             Self::Null => Lobe::Null,
+            Self::RoughDiffuse {
+                reflectance,
+                alpha,
+                fast,
+            } => Lobe::RoughDiffuse(RoughDiffuseLobe::new(reflectance.eval(at), alpha.grey(at), *fast)),
+            Self::Glossy(surface) => Lobe::Glossy(surface.resolve(at)),
+            Self::Transmitter {
+                reflectance,
+                transmittance,
+            } => Lobe::Transmitter(TransmitterLobe {
+                reflectance: reflectance.eval(at),
+                transmittance: transmittance.eval(at),
+            }),
+            Self::Principled(body) => body.resolve(at),
+            Self::PrincipledThin(sheet) => sheet.resolve(at),
             Self::TwoSided { front, .. } if wo.z > 0.0 => return front.resolve_on(at, wo, tangents),
             Self::TwoSided { back, .. } => return back.resolve_on(at, turned(wo), tangents).turned(),
             Self::Coating(coating) => return coating.resolve(at, wo, tangents),
@@ -126,8 +141,13 @@ impl Material {
             | Self::RoughDielectric { .. }
             | Self::ThinDielectric { .. }
             | Self::Mask { .. }
+            | Self::Transmitter { .. }
+            | Self::PrincipledThin(_)
             | Self::Null => true,
-            Self::Diffuse { .. }
+            Self::Principled(body) => body.transmits,
+            Self::RoughDiffuse { .. }
+            | Self::Glossy(_)
+            | Self::Diffuse { .. }
             | Self::Conductor { .. }
             | Self::RoughConductor { .. }
             | Self::Plastic { .. }
@@ -174,6 +194,11 @@ impl Material {
             | Self::RoughDielectric { .. }
             | Self::RoughConductor { .. }
             | Self::RoughPlastic { .. }
+            | Self::RoughDiffuse { .. }
+            | Self::Glossy(_)
+            | Self::Transmitter { .. }
+            | Self::Principled(_)
+            | Self::PrincipledThin(_)
             | Self::Null => false,
         }
     }

@@ -2,11 +2,10 @@
 
 use super::error::{Place, SceneError, within};
 use super::faults::FileFaults;
-use super::linear_image::LinearImage;
+use super::linear_image::{LinearImage, Pixels, Reading, Samples};
 use super::loader::LoadedFile;
 use super::pfm;
-use crate::math::pow;
-use crate::spectrum::Spectrum;
+use crate::texture::Texels;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use std::io::Cursor;
@@ -21,17 +20,24 @@ pub(crate) fn is_encoded(bytes: &[u8]) -> bool {
     !bytes.starts_with(&EXR) && !bytes.starts_with(b"#?") && !pfm::is_pfm(bytes)
 }
 
-/// Decodes an image of at most `texel_limit` texels. `raw`: 8- and 16-bit values are linear already, not sRGB.
-pub(crate) fn read(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage, Vec<SceneError>> {
+/// Decodes an image of at most `texel_limit` texels.
+pub(crate) fn read(file: &LoadedFile, reading: &Reading, texel_limit: u64) -> Result<LinearImage, Vec<SceneError>> {
     let mut faults = FileFaults::default();
-    let image = decode(file, raw, texel_limit).and_then(|image| {
+    let image = decode(file, texel_limit).and_then(|pixels| {
+        let mut image = pixels.decode(reading);
         check_texels(&image, &Place::whole(&file.name), &mut faults)?;
+        if reading.inverted {
+            image.texels = image.texels.map(|value| (1.0 - value).max(0.0));
+        }
         Ok(image)
     });
     faults.settle(image)
 }
 
 fn check_texels(image: &LinearImage, place: &Place, faults: &mut FileFaults) -> Result<(), SceneError> {
+    if matches!(image.texels, Texels::ColourBytes(..) | Texels::GreyBytes(..)) {
+        return Ok(());
+    }
     let broken = image.texels.iter().enumerate().filter(|(_, texel)| !texel.is_valid());
     for (index, texel) in broken {
         let (x, y) = (index % image.width, index / image.width);
@@ -44,7 +50,7 @@ fn check_texels(image: &LinearImage, place: &Place, faults: &mut FileFaults) -> 
     Ok(())
 }
 
-fn decode(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage, SceneError> {
+fn decode(file: &LoadedFile, texel_limit: u64) -> Result<Pixels, SceneError> {
     let place = Place::whole(&file.name);
     let check_size = |width: u64, height: u64| {
         if width == 0 || height == 0 {
@@ -57,17 +63,16 @@ fn decode(file: &LoadedFile, raw: bool, texel_limit: u64) -> Result<LinearImage,
     } else if pfm::is_pfm(&file.bytes) {
         pfm::read(file, &place, check_size)
     } else {
-        read_other(file, &place, raw, texel_limit, check_size)
+        read_other(file, &place, texel_limit, check_size)
     }
 }
 
 fn read_other(
     file: &LoadedFile,
     place: &Place,
-    raw: bool,
     texel_limit: u64,
     check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
-) -> Result<LinearImage, SceneError> {
+) -> Result<Pixels, SceneError> {
     let formats = "allowed: OpenEXR, PFM, PNG, JPEG, WebP, BMP, TGA, Radiance HDR";
     let format = image::guess_format(&file.bytes).ok().or_else(|| {
         file.name
@@ -102,56 +107,30 @@ fn read_other(
     check_size(u64::from(width), u64::from(height))?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    let from = |rgb: [f32; 3]| Spectrum::from_rgb(rgb);
-    let texels: Vec<Spectrum> = match decoded {
-        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
-            decoded.to_rgb32f().pixels().map(|pixel| from(pixel.0)).collect()
-        }
-        DynamicImage::ImageLuma16(_)
-        | DynamicImage::ImageLumaA16(_)
-        | DynamicImage::ImageRgb16(_)
-        | DynamicImage::ImageRgba16(_) => {
-            let table = linear_steps(u16::MAX, raw);
-            decoded
-                .to_rgb16()
-                .pixels()
-                .map(|pixel| from(pixel.0.map(|c| table[usize::from(c)])))
-                .collect()
-        }
-        _ => {
-            let table = linear_steps(u16::from(u8::MAX), raw);
-            decoded
-                .to_rgb8()
-                .pixels()
-                .map(|pixel| from(pixel.0.map(|c| table[usize::from(c)])))
-                .collect()
-        }
+    let (channels, samples) = match decoded {
+        DynamicImage::ImageLuma8(image) => (1, Samples::Bytes(image.into_raw())),
+        DynamicImage::ImageLumaA8(image) => (2, Samples::Bytes(image.into_raw())),
+        DynamicImage::ImageRgb8(image) => (3, Samples::Bytes(image.into_raw())),
+        DynamicImage::ImageRgba8(image) => (4, Samples::Bytes(image.into_raw())),
+        DynamicImage::ImageLuma16(image) => (1, Samples::Words(image.into_raw())),
+        DynamicImage::ImageLumaA16(image) => (2, Samples::Words(image.into_raw())),
+        DynamicImage::ImageRgb16(image) => (3, Samples::Words(image.into_raw())),
+        DynamicImage::ImageRgba16(image) => (4, Samples::Words(image.into_raw())),
+        floats => (4, Samples::Floats(floats.into_rgba32f().into_raw())),
     };
-    Ok(LinearImage { width, height, texels })
-}
-
-/// The linear value of each integer step up to `largest`.
-fn linear_steps(largest: u16, raw: bool) -> Vec<f32> {
-    let share = |step: u16| f32::from(step) / f32::from(largest);
-    (0..=largest)
-        .map(|step| if raw { share(step) } else { srgb_to_linear(share(step)) })
-        .collect()
-}
-
-/// The transfer function of sRGB (IEC 61966-2-1), from encoded to linear.
-pub(crate) fn srgb_to_linear(encoded: f32) -> f32 {
-    if encoded <= 0.04045 {
-        encoded / 12.92
-    } else {
-        pow((encoded + 0.055) / 1.055, 2.4)
-    }
+    Ok(Pixels {
+        width,
+        height,
+        channels,
+        samples,
+    })
 }
 
 fn read_exr(
     file: &LoadedFile,
     place: &Place,
     check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
-) -> Result<LinearImage, SceneError> {
+) -> Result<Pixels, SceneError> {
     let broken = |error: exr::error::Error| SceneError::data(place, format!("broken OpenEXR image: {error}"));
     let headers = exr::meta::MetaData::read_from_buffered(Cursor::new(&file.bytes[..]), false)
         .map_err(broken)?
@@ -185,15 +164,20 @@ fn read_exr(
     let layer = image.layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());
     check_size(width as u64, height as u64)?;
+    let count = width * height;
+    // Of a channel within a layer the name follows that of the layer.
     let channel = |name: &str| {
-        let found = layer.channel_data.list.iter().find(|channel| channel.name.eq(name));
+        let of_name = |found: &str| found == name || found.rsplit('.').next() == Some(name);
+        let channels = &layer.channel_data.list;
+        let exact = channels.iter().find(|channel| channel.name.eq(name));
+        let found = exact.or_else(|| channels.iter().find(|channel| of_name(&channel.name.to_string())));
         found
             .map(|channel| values(&channel.sample_data))
-            .filter(|values| values.len() == width * height)
+            .filter(|values| values.len() == count)
     };
-    let channels = match (channel("R"), channel("G"), channel("B"), channel("Y")) {
-        (Some(r), Some(g), Some(b), _) => [r, g, b],
-        (_, _, _, Some(y)) => [y.clone(), y.clone(), y],
+    let mut channels = match (channel("R"), channel("G"), channel("B"), channel("Y")) {
+        (Some(r), Some(g), Some(b), _) => vec![r, g, b],
+        (_, _, _, Some(y)) => vec![y],
         _ => {
             return Err(SceneError::data(
                 place,
@@ -201,14 +185,14 @@ fn read_exr(
             ));
         }
     };
-    let [r, g, b] = channels;
-    let texels = r
-        .iter()
-        .zip(&g)
-        .zip(&b)
-        .map(|((r, g), b)| Spectrum::from_rgb([*r, *g, *b]))
-        .collect();
-    Ok(LinearImage { width, height, texels })
+    channels.extend(channel("A"));
+    let samples = (0..count).flat_map(|i| channels.iter().map(move |channel| channel[i]));
+    Ok(Pixels {
+        width,
+        height,
+        channels: channels.len(),
+        samples: Samples::Floats(samples.collect()),
+    })
 }
 
 fn values(samples: &FlatSamples) -> Vec<f32> {
@@ -222,6 +206,12 @@ fn values(samples: &FlatSamples) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::linear_image::Encoding;
+
+    const RAW: Reading = Reading {
+        encoding: Encoding::Linear,
+        ..Reading::COLOURS
+    };
 
     fn file(name: &str, bytes: &[u8]) -> LoadedFile {
         LoadedFile {
@@ -247,13 +237,13 @@ mod tests {
             (ImageFormat::Tga, "a.tga"),
         ] {
             let file = file(name, &encoded(format, &image));
-            let [r, g, b] = read(&file, false, 100).unwrap().texels[1].to_rgb();
+            let [r, g, b] = read(&file, &Reading::COLOURS, 100).unwrap().texels.get(1).to_rgb();
             assert!(
                 (r - 1.0).abs() < 1e-6 && (g - 0.502_886).abs() < 1e-5 && (b - 0.033_105).abs() < 1e-5,
                 "{r} {g} {b}"
             );
             assert_eq!(
-                read(&file, true, 100).unwrap().texels[1].to_rgb(),
+                read(&file, &RAW, 100).unwrap().texels.get(1).to_rgb(),
                 [1.0, 188.0 / 255.0, 0.2]
             );
         }
@@ -268,18 +258,18 @@ mod tests {
             .write()
             .to_buffered(&mut bytes)
             .unwrap();
-        let image = read(&file("a.exr", &bytes.into_inner()), false, 100).unwrap();
+        let image = read(&file("a.exr", &bytes.into_inner()), &Reading::COLOURS, 100).unwrap();
         assert_eq!((image.width, image.height), (3, 2));
-        assert_eq!(image.texels[5].to_rgb(), [2.0, 1.0, 0.5]);
+        assert_eq!(image.texels.get(5).to_rgb(), [2.0, 1.0, 0.5]);
         let hdr = DynamicImage::ImageRgb32F(image::Rgb32FImage::from_pixel(9, 1, image::Rgb([4.0, 2.0, 0.5])));
-        let image = read(&file("a.hdr", &encoded(ImageFormat::Hdr, &hdr)), false, 100).unwrap();
-        assert_eq!(image.texels[8].to_rgb(), [4.0, 2.0, 0.5]);
+        let image = read(&file("a.hdr", &encoded(ImageFormat::Hdr, &hdr)), &Reading::COLOURS, 100).unwrap();
+        assert_eq!(image.texels.get(8).to_rgb(), [4.0, 2.0, 0.5]);
     }
 
     #[test]
     fn size_is_checked_before_decoding() {
         let png = encoded(ImageFormat::Png, &DynamicImage::new_rgb8(20, 20));
-        let faults = read(&file("a.png", &png), false, 399).unwrap_err();
+        let faults = read(&file("a.png", &png), &Reading::COLOURS, 399).unwrap_err();
         assert!(
             matches!(
                 faults[..],
@@ -291,7 +281,7 @@ mod tests {
             ),
             "{faults:?}"
         );
-        let faults = read(&file("a.png", b"garbage"), false, 399).unwrap_err();
+        let faults = read(&file("a.png", b"garbage"), &Reading::COLOURS, 399).unwrap_err();
         assert!(matches!(faults[..], [SceneError::Data { .. }]), "{faults:?}");
     }
 }

@@ -43,10 +43,10 @@ impl Appearance {
             Light::Directional { irradiance, .. } => point(irradiance.luminance()),
             Light::Constant { radiance } => seen(4.0 * PI, radiance.luminance()),
             Light::Environment { image, scale, .. } => {
-                seen(4.0 * PI, Spectrum::average(&image.texels).luminance() * scale)
+                seen(4.0 * PI, Spectrum::average(image.texels.iter()).luminance() * scale)
             }
             Light::Goniometric { image, scale, .. } => {
-                point(Spectrum::average(&image.texels).luminance() * scale / distance2)
+                point(Spectrum::average(image.texels.iter()).luminance() * scale / distance2)
             }
             Light::Sun {
                 half_angle, irradiance, ..

@@ -3,9 +3,8 @@
 //! Image Format").
 
 use super::error::{Place, SceneError};
-use super::linear_image::LinearImage;
+use super::linear_image::{Pixels, Samples};
 use super::loader::LoadedFile;
-use crate::spectrum::Spectrum;
 
 /// Whether a file begins as a portable float map.
 pub(super) fn is_pfm(bytes: &[u8]) -> bool {
@@ -17,7 +16,7 @@ pub(super) fn read(
     file: &LoadedFile,
     place: &Place,
     check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
-) -> Result<LinearImage, SceneError> {
+) -> Result<Pixels, SceneError> {
     let broken = |reason: String| SceneError::data(place, format!("broken PFM image: {reason}"));
     let (header, values) = Header::read(&file.bytes).map_err(broken)?;
     check_size(header.width, header.height)?;
@@ -38,21 +37,12 @@ pub(super) fn read(
                 false => f32::from_be_bytes(*bytes),
             }
     };
-    let texel = |bytes: &[u8]| {
-        let (floats, _) = bytes.as_chunks::<4>();
-        match floats {
-            [r, g, b] => Spectrum::from_rgb([float(r), float(g), float(b)]),
-            [grey, ..] => Spectrum::splat(float(grey)),
-            [] => Spectrum::ZERO,
-        }
-    };
     let rows = values.chunks_exact(row as usize).rev();
-    Ok(LinearImage {
+    Ok(Pixels {
         width: header.width as usize,
         height: header.height as usize,
-        texels: rows
-            .flat_map(|row| row.chunks_exact(header.channels * 4).map(texel))
-            .collect(),
+        channels: header.channels,
+        samples: Samples::Floats(rows.flat_map(|row| row.as_chunks::<4>().0.iter().map(float)).collect()),
     })
 }
 
@@ -105,6 +95,8 @@ const LONGEST_WORD: usize = 32;
 mod tests {
     use super::*;
     use crate::scene::image;
+    use crate::scene::linear_image::Reading;
+    use crate::texture::Texels;
 
     fn file(header: &str, values: &[f32], bytes_of: fn(f32) -> [u8; 4]) -> LoadedFile {
         let values = values.iter().flat_map(|value| bytes_of(*value));
@@ -121,7 +113,7 @@ mod tests {
             ("PF\n2 2\n-1.0\n", f32::to_le_bytes as fn(f32) -> [u8; 4]),
             ("PF 2 2 1\n", f32::to_be_bytes),
         ] {
-            let image = image::read(&file(header, &values, bytes_of), false, 4).unwrap();
+            let image = image::read(&file(header, &values, bytes_of), &Reading::COLOURS, 4).unwrap();
             assert_eq!((image.width, image.height), (2, 2));
             let texels: Vec<[f32; 3]> = image.texels.iter().map(|texel| texel.to_rgb()).collect();
             assert_eq!(
@@ -129,8 +121,13 @@ mod tests {
                 [[6.0, 7.0, 8.0], [9.0, 10.0, 11.0], [0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
             );
         }
-        let grey = image::read(&file("Pf\n1 2\n-0.5\n", &[2.0, 4.0], f32::to_le_bytes), true, 4).unwrap();
-        assert_eq!(grey.texels, [Spectrum::splat(2.0), Spectrum::splat(1.0)]);
+        let grey = image::read(
+            &file("Pf\n1 2\n-0.5\n", &[2.0, 4.0], f32::to_le_bytes),
+            &Reading::COLOURS,
+            4,
+        )
+        .unwrap();
+        assert!(matches!(grey.texels, Texels::Greys(texels) if texels == [2.0, 1.0]));
     }
 
     #[test]
@@ -144,11 +141,16 @@ mod tests {
             ("PF\n0 2\n1\n", "no pixels"),
             ("PF\n4294967295 4294967295\n1\n", "limit"),
         ] {
-            let faults = image::read(&file(header, &[1.0], f32::to_le_bytes), false, 100).unwrap_err();
+            let faults = image::read(&file(header, &[1.0], f32::to_le_bytes), &Reading::COLOURS, 100).unwrap_err();
             let text = faults[0].to_string();
             assert!(text.contains("a.pfm") && text.contains(reason), "{text}");
         }
-        let faults = image::read(&file("Pf\n1 1\n-1\n", &[-1.0], f32::to_le_bytes), false, 100).unwrap_err();
+        let faults = image::read(
+            &file("Pf\n1 1\n-1\n", &[-1.0], f32::to_le_bytes),
+            &Reading::COLOURS,
+            100,
+        )
+        .unwrap_err();
         assert!(faults[0].to_string().contains("not negative"), "{}", faults[0]);
     }
 }

@@ -1,10 +1,13 @@
 //! What loading decides for a scene's author, and what it warns about.
 
 mod dialects;
+mod images;
 mod layered;
 mod lights;
+mod lobes;
 mod sensors;
 mod shapes;
+mod textures;
 
 use super::{Limits, Scene, SceneFaults};
 use crate::film::Filter;
@@ -269,17 +272,21 @@ fn an_image_of_colours_that_is_read_raw_is_warned_about() {
         .unwrap();
     let ball = "<bsdf type='diffuse'><texture type='bitmap' name='reflectance'><string name='filename' value='a.png'/>\n\
                 <boolean name='raw' value='RAW'/></texture></bsdf>";
-    let load = |raw: &str| {
-        let body = room("0 1 0", &ball.replace("RAW", raw), LIGHT.trim());
+    let warnings_of_ball = |ball: &str, png: &[u8]| {
+        let body = room("0 1 0", ball, LIGHT.trim());
         let text = format!("<scene version='3.0.0'>\n{body}</scene>");
         let files = BTreeMap::from([
             ("main.xml".to_owned(), text.into_bytes()),
-            ("a.png".to_owned(), png.get_ref().clone()),
+            ("a.png".to_owned(), png.to_vec()),
         ]);
         warnings(&Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default()).unwrap())
     };
+    let load = |raw: &str| warnings_of_ball(&ball.replace("RAW", raw), png.get_ref());
     assert_eq!(load("false"), Vec::<String>::new());
     assert!(load("true")[0].starts_with("main.xml:4: <texture type=\"bitmap\">: `raw`: it takes the sRGB values"));
+    let gamma = ball.replace("<boolean name='raw' value='RAW'/>", "<float name='gamma' value='1'/>");
+    let gamma = warnings_of_ball(&gamma, png.get_ref());
+    assert!(gamma[0].starts_with("main.xml:4: <texture type=\"bitmap\">: `gamma`: it takes the sRGB values"));
 }
 
 #[test]

@@ -433,11 +433,13 @@ fn an_environment_is_looked_up_as_in_mitsuba() {
         DVec4::new(0.582_563_34, -0.422_618_27, 0.694_272_04, 0.0),
         DVec4::W,
     );
-    let texels = (0..12).map(|i| gray((i % 4 + 10 * (i / 4) + 1) as f32)).collect();
+    let texels = (0..12)
+        .map(|i| gray((i % 4 + 10 * (i / 4) + 1) as f32))
+        .collect::<Vec<_>>();
     let image = Bitmap {
         width: 4,
         height: 3,
-        texels,
+        texels: texels.into(),
         wrap: WrapMode::Repeat,
         filter: TextureFilter::Bilinear,
     };
@@ -484,7 +486,7 @@ fn sampled_environments_have_the_integral_of_their_image() {
     assert!(sampled.1 < 0.01 * sampled.0, "samples follow the image: {sampled:?}");
 
     let black = Bitmap {
-        texels: vec![Spectrum::ZERO; 12],
+        texels: vec![Spectrum::ZERO; 12].into(),
         width: 4,
         height: 3,
         ..(*image(4, 3)).clone()

@@ -73,7 +73,7 @@ fn image(width: usize, height: usize) -> Arc<Bitmap> {
     Arc::new(Bitmap {
         width,
         height,
-        texels,
+        texels: texels.into(),
         wrap: WrapMode::Repeat,
         filter: TextureFilter::Bilinear,
     })
@@ -137,7 +137,7 @@ fn projector() -> Light {
     let image = Bitmap {
         width: 4,
         height: 2,
-        texels: texels.collect(),
+        texels: texels.collect::<Vec<_>>().into(),
         wrap: WrapMode::Repeat,
         filter: TextureFilter::Nearest,
     };

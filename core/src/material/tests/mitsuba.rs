@@ -351,7 +351,7 @@ fn bumps() {
     let image = crate::texture::Bitmap {
         width: 3,
         height: 2,
-        texels,
+        texels: texels.into(),
         wrap: crate::texture::WrapMode::Repeat,
         filter: crate::texture::TextureFilter::Bilinear,
     };
@@ -376,4 +376,97 @@ fn bumps() {
         let close = (0..3).all(|c| (f[c] - expected[c]).abs() <= 1e-4 * expected[c]);
         assert!(close, "{wo} {wi}: {f:?}, expected {expected:?}");
     }
+}
+
+/// The parameters of bodies are kept in steps of 1 / 65535.
+const STEPS: f32 = 3e-4;
+
+#[test]
+fn principled_defaults() {
+    let rows = [
+        (A, B, Radiance, [0.204_632; 3], 0.542_993),
+        (A, C, Radiance, [0.158_427; 3], 0.043_435_4),
+        (C, A, Radiance, [0.158_427; 3], 0.171_31),
+        (A, E, Radiance, [0.0; 3], 0.0),
+        (E, A, Radiance, [0.0; 3], 0.0),
+    ];
+    compare(&principled_of([0.5; 3], 0.5, |_| ()), STEPS, &rows);
+}
+
+#[test]
+fn principled_with_all_lobes() {
+    let rows = [
+        (A, B, Radiance, [0.034_486_1, 0.069_448_2, 0.104_41], 0.144_786),
+        (A, C, Radiance, [0.021_031_2, 0.046_131_4, 0.071_231_6], 0.016_300_8),
+        (C, A, Radiance, [0.021_031_2, 0.046_131_4, 0.071_231_6], 0.051_571_7),
+        (A, E, Radiance, [0.545_972, 0.863_258, 1.091_94], 1.427_84),
+        (A, E, Flux, [1.070_11, 1.691_99, 2.140_21], 1.427_84),
+        (E, A, Radiance, [1.070_11, 1.691_99, 2.140_21], 2.4373),
+        (E, A, Flux, [0.545_972, 0.863_258, 1.091_94], 2.4373),
+        (D, E, Radiance, [5.953_44e-6; 3], 1.371_67e-5),
+        (F, B, Radiance, [0.002_965_75, 0.004_689_26, 0.005_931_49], 0.007_666_72),
+        (B, F, Radiance, [0.001_513_14, 0.002_392_48, 0.003_026_27], 0.004_734_69),
+    ];
+    compare(&principled_body(), STEPS, &rows);
+}
+
+#[test]
+fn principled_of_other_kinds() {
+    let cloth = principled_of([0.9, 0.1, 0.4], 0.8, |body| {
+        (body.spec_tint, body.sheen, body.flatness) = (WHITE, WHITE, WHITE);
+        body.eta = 2.0 / (1.0 - 0.016_f32.sqrt()) - 1.0;
+    });
+    let rows = [
+        (A, B, Radiance, [0.247_744, 0.028_144_1, 0.110_494], 0.243_717),
+        (A, C, Radiance, [0.367_931, 0.057_855_5, 0.174_134], 0.075_633_9),
+        (C, A, Radiance, [0.367_931, 0.057_855_5, 0.174_134], 0.210_399),
+    ];
+    compare(&cloth, STEPS, &rows);
+    let metal = principled_of([0.9, 0.6, 0.2], 0.5, |body| body.metallic = WHITE);
+    let rows = [
+        (A, B, Radiance, [0.907_513, 0.605_193, 0.202_099], 0.826_966),
+        (A, C, Radiance, [0.141_689, 0.095_261_8, 0.033_359], 0.035_754_5),
+        (C, A, Radiance, [0.141_689, 0.095_261_8, 0.033_359], 0.114_348),
+    ];
+    compare(&metal, STEPS, &rows);
+    let thinner_inside = principled_of([0.9, 0.6, 0.2], 0.6, |body| {
+        (body.metallic, body.spec_tint, body.spec_trans) = (grey(0.2), grey(0.8), grey(0.4));
+        (body.clearcoat, body.eta) = (grey(0.8), 0.8);
+    });
+    let rows = [
+        (A, B, Radiance, [0.292_717, 0.202_983, 0.083_338_7], 0.373_533),
+        (A, C, Radiance, [0.376_863, 0.333_232, 0.275_057], 0.057_925_6),
+        (C, A, Radiance, [0.376_863, 0.333_232, 0.275_057], 0.169_887),
+        (A, E, Radiance, [0.195_397, 0.159_541, 0.092_110_9], 0.065_951_6),
+        (A, E, Flux, [0.125_054, 0.102_106, 0.058_951], 0.065_951_6),
+        (E, A, Radiance, [0.125_054, 0.102_106, 0.058_950_9], 0.475_298),
+        (E, A, Flux, [0.195_397, 0.159_541, 0.092_110_8], 0.475_298),
+        (D, E, Radiance, [0.000_315_591; 3], 0.000_828_959),
+        (F, B, Radiance, [0.002_184_28, 0.001_783_46, 0.001_029_68], 0.009_297_07),
+        (B, F, Radiance, [0.003_412_93, 0.002_786_65, 0.001_608_87], 0.001_360_72),
+    ];
+    compare(&thinner_inside, STEPS, &rows);
+}
+
+#[test]
+fn principled_sheets() {
+    let rows = [
+        (A, B, Radiance, [0.023_392_3, 0.049_570_8, 0.075_749_4], 0.246_218),
+        (A, C, Radiance, [0.018_194_6, 0.042_325_2, 0.066_455_7], 0.018_235_1),
+        (C, A, Radiance, [0.018_194_6, 0.042_325_2, 0.066_455_7], 0.075_622_4),
+        (A, E, Radiance, [0.200_38, 0.500_95, 0.801_521], 0.449_299),
+        (E, A, Radiance, [0.200_38, 0.500_95, 0.801_521], 0.389_022),
+        (D, E, Radiance, [0.014_549_8, 0.036_283_1, 0.058_016_3], 0.065_552_7),
+        (F, B, Radiance, [0.018_588_2, 0.046_470_6, 0.074_352_9], 0.059_036_4),
+        (B, F, Flux, [0.018_588_2, 0.046_470_6, 0.074_352_9], 0.071_988_4),
+        (C, E, Radiance, [0.010_697_3, 0.026_743_4, 0.042_789_4], 0.043_283_5),
+    ];
+    compare(&principled_sheet(), STEPS, &rows);
+    let rows = [
+        (A, B, Radiance, [0.159_189; 3], 0.259_019),
+        (A, C, Radiance, [0.147_225; 3], 0.051_116_2),
+        (C, A, Radiance, [0.147_225; 3], 0.228_272),
+        (A, E, Radiance, [0.0; 3], 0.0),
+    ];
+    compare(&thin_of([0.5; 3], 0.5, |_| ()), STEPS, &rows);
 }

@@ -1,7 +1,9 @@
 //! Tests of the materials as a whole.
 
+mod lobes;
 mod mitsuba;
 mod plastic;
+mod principled;
 mod robustness;
 mod statistics;
 mod symmetry;
@@ -15,6 +17,7 @@ const UV: Vec2 = Vec2::new(0.5, 0.5);
 const AT: TexturePoint = TexturePoint {
     uv: UV,
     position: Vec3::ZERO,
+    normal: Vec3::Z,
     primitive: 0,
     barycentric: Vec2::ZERO,
 };
@@ -177,6 +180,109 @@ fn two_sided(front: Material, back: Material) -> Material {
     }
 }
 
+fn principled_of(base: [f32; 3], roughness: f32, change: impl FnOnce(&mut Principled)) -> Material {
+    let zero = || grey(0.0);
+    let mut body = Principled {
+        base_color: Texture::Constant(Spectrum::from_rgb(base)),
+        roughness: grey(roughness),
+        anisotropic: zero(),
+        metallic: zero(),
+        spec_trans: zero(),
+        spec_tint: zero(),
+        sheen: zero(),
+        sheen_tint: zero(),
+        flatness: zero(),
+        clearcoat: zero(),
+        clearcoat_gloss: zero(),
+        eta: 1.5,
+        transmits: true,
+    };
+    change(&mut body);
+    body.transmits = body.spec_trans.brightest() > 0.0;
+    Material::Principled(Box::new(body))
+}
+
+fn thin_of(base: [f32; 3], roughness: f32, change: impl FnOnce(&mut PrincipledThin)) -> Material {
+    let zero = || grey(0.0);
+    let mut sheet = PrincipledThin {
+        base_color: Texture::Constant(Spectrum::from_rgb(base)),
+        roughness: grey(roughness),
+        anisotropic: zero(),
+        spec_trans: zero(),
+        diff_trans: zero(),
+        spec_tint: zero(),
+        sheen: zero(),
+        sheen_tint: zero(),
+        flatness: zero(),
+        eta: grey(1.5),
+    };
+    change(&mut sheet);
+    Material::PrincipledThin(Box::new(sheet))
+}
+
+/// A body with a bit of everything.
+fn principled_body() -> Material {
+    principled_of([0.2, 0.5, 0.8], 0.3, |body| {
+        body.metallic = grey(0.4);
+        body.spec_tint = grey(0.6);
+        body.anisotropic = grey(0.8);
+        body.clearcoat = grey(0.6);
+        body.clearcoat_gloss = grey(0.2);
+        body.sheen = grey(0.4);
+        body.sheen_tint = grey(0.2);
+        body.flatness = grey(0.4);
+        body.spec_trans = grey(0.6);
+        body.eta = 1.4;
+    })
+}
+
+/// A sheet with a bit of everything.
+fn principled_sheet() -> Material {
+    thin_of([0.2, 0.5, 0.8], 0.4, |sheet| {
+        sheet.spec_tint = grey(0.6);
+        sheet.anisotropic = grey(0.4);
+        sheet.sheen = grey(0.4);
+        sheet.sheen_tint = grey(0.8);
+        sheet.flatness = grey(0.4);
+        sheet.spec_trans = grey(0.6);
+        sheet.diff_trans = grey(0.4);
+        sheet.eta = grey(1.4);
+    })
+}
+
+fn rough_diffuse(albedo: f32, alpha: f32, fast: bool) -> Material {
+    Material::RoughDiffuse {
+        reflectance: grey(albedo),
+        alpha: grey(alpha),
+        fast,
+    }
+}
+
+fn glossy(diffuse: f32, specular: f32, highlight: Highlight) -> Material {
+    Material::Glossy(Box::new(Glossy {
+        diffuse_reflectance: grey(diffuse),
+        specular_reflectance: grey(specular),
+        highlight,
+    }))
+}
+
+fn phong(diffuse: f32, specular: f32, exponent: f32) -> Material {
+    let exponent = grey(exponent);
+    glossy(diffuse, specular, Highlight::Phong { exponent })
+}
+
+fn ward(diffuse: f32, specular: f32, alpha: [f32; 2], model: WardModel) -> Material {
+    let alpha = alpha.map(grey);
+    glossy(diffuse, specular, Highlight::Ward { alpha, model })
+}
+
+fn transmitter(reflectance: f32, transmittance: f32) -> Material {
+    Material::Transmitter {
+        reflectance: grey(reflectance),
+        transmittance: grey(transmittance),
+    }
+}
+
 /// One of every material with a density, and several roughnesses.
 fn scattering() -> Vec<(&'static str, Material)> {
     let mut all = lobes();
@@ -226,6 +332,28 @@ fn lobes() -> Vec<(&'static str, Material)> {
         ("plastic", plastic(1.49, 0.5, false)),
         ("nonlinear plastic of high index", plastic(2.4, 0.9, true)),
         ("plastic on the back", two_sided(diffuse(), plastic(1.49, 0.5, false))),
+        ("rough diffuse", rough_diffuse(0.8, 0.5, false)),
+        ("rough diffuse, short form", rough_diffuse(0.8, 0.3, true)),
+        ("Phong, exponent 30", phong(0.5, 0.2, 30.0)),
+        ("Phong, exponent 0.5", phong(0.0, 0.9, 0.5)),
+        ("Ward", ward(0.5, 0.3, [0.1, 0.3], WardModel::Ward)),
+        ("Ward and Duer", ward(0.2, 0.4, [0.2, 0.2], WardModel::Duer)),
+        ("balanced Ward", ward(0.1, 0.7, [0.4, 0.15], WardModel::Balanced)),
+        ("sheet", transmitter(0.3, 0.6)),
+        ("principled body", principled_body()),
+        (
+            "principled, diffuse under a coat",
+            principled_of([0.8, 0.3, 0.1], 0.6, |body| {
+                (body.clearcoat, body.clearcoat_gloss) = (WHITE, grey(0.5));
+            }),
+        ),
+        (
+            "principled bubble",
+            principled_of([0.9, 0.9, 0.9], 0.5, |body| {
+                (body.spec_trans, body.eta) = (grey(0.7), 1.0 / 1.4);
+            }),
+        ),
+        ("principled sheet", principled_sheet()),
     ]
 }
 

@@ -2,6 +2,7 @@
 
 use super::statistics::{QUADRATURE, albedo, mean_weight};
 use super::*;
+use crate::texture::{Pattern, UvTransform};
 
 /// A white base under a coat that absorbs nothing loses nothing, and makes nothing: what the coat reflects and what the base returns
 /// add up to one from everywhere, and so do the weights of samples.
@@ -73,11 +74,11 @@ fn a_coated_surface_has_a_delta_lobe_and_a_diffuse_one() {
 /// Textures are looked up once, at the point that the material is resolved for.
 #[test]
 fn resolving_looks_textures_up_at_the_point() {
-    let chequers = Texture::Checkerboard {
-        even: Spectrum::splat(0.75),
-        odd: Spectrum::splat(0.25),
-        to_uv: crate::texture::UvTransform::IDENTITY,
-    };
+    let chequers = Texture::from(Pattern::Checkerboard {
+        even: grey(0.75),
+        odd: grey(0.25),
+        to_uv: UvTransform::IDENTITY,
+    });
     let material = Material::Diffuse { reflectance: chequers };
     for (uv, albedo) in [(Vec2::new(0.25, 0.25), 0.75), (Vec2::new(0.75, 0.25), 0.25)] {
         let bsdf = material.resolve(&TexturePoint { uv, ..AT }, Vec3::Z);

@@ -67,15 +67,18 @@ fn radiance_is_the_adjoint_of_flux() {
 fn refraction_has_its_adjoint() {
     let mut compared = 0;
     for (name, material) in scattering() {
-        let Material::RoughDielectric { eta, .. } = &material else {
-            continue;
+        let eta = match &material {
+            Material::RoughDielectric { eta, .. } => *eta,
+            Material::Principled(body) if body.transmits => body.eta,
+            Material::PrincipledThin(_) | Material::Transmitter { .. } => 1.0,
+            _ => continue,
         };
         for path in 0..40_000 {
             let (a, b) = random_pair(path);
             if a.z * b.z >= 0.0 {
                 continue;
             }
-            let relative = if a.z > 0.0 { *eta } else { 1.0 / eta };
+            let relative = if a.z > 0.0 { eta } else { 1.0 / eta };
             let radiance = material.resolve(&AT, a).f(a, b, TransportMode::Radiance)[0];
             let flux = material.resolve(&AT, a).f(a, b, TransportMode::Flux)[0];
             let adjoint = material.resolve(&AT, b).f(b, a, TransportMode::Flux)[0];
@@ -251,8 +254,8 @@ fn reverse_densities_of_delta_lobes_are_those_of_pencils() {
             let (wo, _) = random_pair(path);
             let u = random(path).next_1d();
             let find = |wo: Vec3, u: f32, mode| material.resolve(&AT, wo).sample(wo, u, UV, mode);
-            XX
-            else {
+            let found = find(wo, u, TransportMode::Radiance).filter(|found| found.delta);
+            let Some(sample) = found.filter(|sample| wo.z.abs().min(sample.wi.z.abs()) > 0.15) else {
                 continue;
             };
             let back = (0..1000)

@@ -7,7 +7,6 @@ use crate::scene::description::{Description, Kind, ObjectId};
 use crate::scene::error::SceneError;
 use crate::scene::mesh::RawAttribute;
 use crate::scene::reader::{ANY, Reader};
-use crate::scene::spectrum::{BRIGHTEST, Use};
 use crate::spectrum::Spectrum;
 use crate::texture::{AttributeTexture, Texture};
 use std::collections::BTreeSet;
@@ -93,16 +92,17 @@ impl Builder<'_, '_> {
             reader.warn(reader.place(), message);
             return Ok(Texture::Constant(Spectrum::splat(0.5)));
         };
-        let most = match role.used {
-            Use::Reflectance => 1.0,
-            _ => BRIGHTEST as f32,
-        };
+        let most = role.most();
         let mut beyond = false;
         let mut bounded = |value: &Spectrum| {
             let scaled = value.to_rgb().map(|channel| channel * scale);
             let kept = scaled.map(|channel| channel.clamp(0.0, most));
             beyond |= kept != scaled;
-            Spectrum::from_rgb(kept)
+            let colour = Spectrum::from_rgb(kept);
+            match role.number {
+                true => Spectrum::splat(colour.number()),
+                false => colour,
+            }
         };
         let values = attribute.values.iter().map(&mut bounded).collect();
         if beyond {

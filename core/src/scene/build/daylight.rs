@@ -264,7 +264,7 @@ impl Daylight {
         let image = Bitmap {
             width,
             height,
-            texels,
+            texels: texels.into(),
             wrap: WrapMode::Repeat,
             filter: TextureFilter::Bilinear,
         };

@@ -7,6 +7,7 @@ use crate::light::Light;
 use crate::math::{AnimatedTransform, Transform, Vec3};
 use crate::scene::description::ObjectId;
 use crate::scene::error::SceneError;
+use crate::scene::linear_image::Reading;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
 use crate::scene::spectrum::BRIGHTEST;
@@ -107,7 +108,7 @@ impl Builder<'_, '_> {
         let image = self.colour_or_texture(reader, "irradiance", Role::EMISSION, 1.0)?;
         let aspect = match &image {
             Texture::Bitmap(bitmap, _) => bitmap.width as f32 / bitmap.height as f32,
-            Texture::Constant(_) | Texture::Checkerboard { .. } | Texture::Attribute(_) => 1.0,
+            Texture::Constant(_) | Texture::Pattern(_) | Texture::Attribute(_) => 1.0,
         };
         let fov_x = horizontal_field_of_view(reader, aspect.into())? as f32;
         Ok(Light::Projector {

@@ -6,6 +6,7 @@ use crate::light::{Light, Mapping};
 use crate::math::Transform;
 use crate::scene::error::SceneError;
 use crate::scene::ies;
+use crate::scene::linear_image::{Encoding, Reading};
 use crate::scene::reader::{POSITIVE, Reader};
 use crate::scene::spectrum::{BRIGHTEST, Use};
 use crate::spectrum::Spectrum;
@@ -64,8 +65,15 @@ impl Builder<'_, '_> {
     /// The image that `filename` names, times `factor`, which the property `name` gives.
     fn light_image(&mut self, reader: &Reader, factor: Spectrum, name: &str) -> Result<LightImage, SceneError> {
         let mapping = reader.choice("mapping", &MAPPINGS, Mapping::LatitudeLongitude)?;
-        let raw = reader.boolean("raw", false)?;
-        let image = self.bitmap_file(reader, raw, WrapMode::Repeat, TextureFilter::Bilinear)?;
+        let encoding = match reader.boolean("raw", false)? {
+            true => Encoding::Linear,
+            false => Encoding::Srgb,
+        };
+        let reading = Reading {
+            encoding,
+            ..Reading::COLOURS
+        };
+        let image = self.bitmap_file(reader, &reading, WrapMode::Repeat, TextureFilter::Bilinear, false)?;
         reader.finish();
         let (width, height) = (image.width, image.height);
         if width < 2 || height < 2 {
@@ -93,20 +101,16 @@ fn coloured(image: Arc<Bitmap>, factor: Spectrum) -> (Arc<Bitmap>, f32) {
     if r == g && g == b {
         return (image, r);
     }
-    let texels = image.texels.iter().map(|texel| *texel * factor).collect();
+    let texels: Vec<Spectrum> = image.texels.iter().map(|texel| texel * factor).collect();
     let coloured = Bitmap {
-        texels,
+        texels: texels.into(),
         ..Bitmap::clone(&image)
     };
     (Arc::new(coloured), 1.0)
 }
 
 fn check_brightness(reader: &Reader, image: &Bitmap, scale: f32, name: &str) -> Result<(), SceneError> {
-    let brightest = image
-        .texels
-        .iter()
-        .map(|texel| texel.max_component())
-        .fold(0.0, f32::max);
+    let brightest = image.texels.brightest();
     if f64::from(brightest) * f64::from(scale) <= BRIGHTEST {
         return Ok(());
     }

@@ -11,7 +11,7 @@ use crate::spectrum::Spectrum;
 use crate::texture::Texture;
 use std::ops::RangeInclusive;
 
-const SUPPORTED: [&str; 18] = [
+const SUPPORTED: [&str; 25] = [
     "diffuse",
     "twosided",
     "dielectric",
@@ -30,6 +30,13 @@ const SUPPORTED: [&str; 18] = [
     "bumpmap",
     "bump",
     "null",
+    "principled",
+    "principledthin",
+    "roughdiffuse",
+    "phong",
+    "ward",
+    "difftrans",
+    "diffusetransmission",
 ];
 /// How deep BSDFs lie within each other at most.
 const DEEPEST: u64 = 16;
@@ -109,6 +116,11 @@ impl Builder<'_, '_> {
             "normalmap" => self.normal_map(&reader),
             "bumpmap" | "bump" => self.bump_map(&reader),
             "null" => Ok(Material::Null),
+            "principled" => self.principled(&reader),
+            "principledthin" => self.principled_thin(&reader),
+            "roughdiffuse" => self.rough_diffuse(&reader),
+            "phong" | "ward" => self.glossy(&reader),
+            "difftrans" | "diffusetransmission" => self.transmitter(&reader),
             other => match StandIn::of(other) {
                 Some(stand_in) => self.stand_in(&reader, stand_in),
                 None => Err(reader.unknown_type(&SUPPORTED)),
@@ -139,14 +151,19 @@ impl Builder<'_, '_> {
     }
 
     fn diffuse(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        Ok(Material::Diffuse {
+            reflectance: self.diffuse_reflectance(reader)?,
+        })
+    }
+
+    /// The albedo of a diffuse surface, of which Mitsuba 0.x has two names.
+    pub(super) fn diffuse_reflectance(&mut self, reader: &Reader) -> Result<Texture, SceneError> {
         let old = "diffuse_reflectance";
         let name = match reader.has(old) && !reader.has("reflectance") {
             true => old,
             false => "reflectance",
         };
-        Ok(Material::Diffuse {
-            reflectance: self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)?,
-        })
+        self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)
     }
 
     fn two_sided(&mut self, reader: &Reader) -> Result<Material, SceneError> {
@@ -261,8 +278,7 @@ impl StandIn {
     fn of(plugin: &str) -> Option<Self> {
         Some(match plugin {
             "pplastic" => Self::SmoothPlastic,
-            "difftrans" | "hair" | "hk" | "irawan" | "measured" | "measured_polarized" | "phong" | "principled"
-            | "principledthin" | "rmbrdf" | "roughdiffuse" | "ward" => Self::Diffuse,
+            "hair" | "hk" | "irawan" | "measured" | "measured_polarized" | "rmbrdf" => Self::Diffuse,
             "circular" | "polarizer" | "retarder" => Self::Nothing("light is not polarised"),
             _ => return None,
         })

@@ -8,6 +8,7 @@ mod integrator;
 mod layered;
 mod light;
 mod light_image;
+mod lobes;
 mod material;
 mod sensor;
 mod shape;
@@ -64,10 +65,6 @@ pub(crate) fn build(
     for bsdf in scene.children(Kind::Bsdf).into_iter().filter(of_no_mesh) {
         builder.material(bsdf.target)?;
     }
-    for texture in scene.children(Kind::Texture).into_iter().filter(of_no_mesh) {
-        let built = builder.texture(texture.target, texture::Role::REFLECTANCE);
-        description.attempt(texture.target, built)?;
-    }
     for shape in scene.children(Kind::Shape) {
         let built = builder.placed_shape(shape.target, None);
         description.attempt(shape.target, built)?;
@@ -76,6 +73,9 @@ pub(crate) fn build(
     for emitter in scene.children(Kind::Emitter) {
         let built = builder.emitter(emitter.target);
         description.attempt(emitter.target, built)?;
+    }
+    for texture in scene.children(Kind::Texture).into_iter().filter(of_no_mesh) {
+        builder.unused_texture(texture.target)?;
     }
     scene.finish();
     if description.faults.any() {
@@ -130,6 +130,7 @@ struct Builder<'b, 'f> {
     building: Vec<ObjectId>,
     /// BSDFs that the material which is being built consists of so far.
     bsdfs_within: u64,
+    textures: texture::Textures,
     bitmaps: BTreeMap<texture::BitmapKey, Arc<Bitmap>>,
     meshes: MeshTotals,
     texels: u64,
@@ -159,6 +160,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             default_material: None,
             building: Vec::new(),
             bsdfs_within: 0,
+            textures: texture::Textures::default(),
             bitmaps: BTreeMap::new(),
             meshes: MeshTotals::default(),
             texels: 0,

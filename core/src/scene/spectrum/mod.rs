@@ -7,7 +7,7 @@ use super::reader::Colour;
 use crate::spectrum::Spectrum;
 
 /// What a colour is for; it decides how a spectrum becomes RGB.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Use {
     /// A share of light: seen under D65, and at most one.
     Reflectance,

@@ -138,6 +138,10 @@ fn stand_ins_are_the_nearest_materials() {
     for (bsdf, lost) in [
         (format!("<bsdf type='pplastic'>{rgb}</bsdf>"), "as `plastic`"),
         (format!("<bsdf type='hk'>{rgb}</bsdf>"), "as `diffuse`"),
+        (
+            "<bsdf type='measured'><rgb name='base_color' value='0.25'/></bsdf>".to_owned(),
+            "as `diffuse`",
+        ),
     ] {
         let (material, warnings) = material(&bsdf);
         let reflectance = match material {

@@ -22,7 +22,8 @@ fn silent(bsdf: &str) -> Material {
 
 #[test]
 fn every_type_is_read_without_a_word() {
-    let coat = "<float name='intIOR' value='1.7'/><spectrum name='sigmaA' value='0.1'/><float name='thickness' value='2'/>";
+    let coat =
+        "<float name='intIOR' value='1.7'/><spectrum name='sigmaA' value='0.1'/><float name='thickness' value='2'/>";
     let board = "<texture type='checkerboard'/>";
     let named = "<texture type='checkerboard' name='normalmap'/>";
     type Is = fn(&Material) -> bool;
@@ -32,7 +33,7 @@ fn every_type_is_read_without_a_word() {
         }),
         (
             format!("<bsdf type='mask'><texture type='checkerboard' name='opacity'/>{DIFFUSE}</bsdf>"),
-            |m| matches!(m, Material::Mask { opacity: Texture::Checkerboard { .. }, .. }),
+            |m| matches!(m, Material::Mask { opacity: Texture::Pattern(_), .. }),
         ),
         (
             format!("<bsdf type='blendbsdf'><float name='weight' value='0.25'/>{DIFFUSE}<bsdf type='plastic'/></bsdf>"),
@@ -65,8 +66,8 @@ fn every_type_is_read_without_a_word() {
              <texture type='checkerboard' name='eta'/></bsdf>"
                 .to_owned(),
             |m| {
-                matches!(m, Material::RoughConductor { eta: Texture::Checkerboard { .. }, distribution, .. }
-                    if matches!(distribution.alpha[1], Texture::Checkerboard { .. }))
+                matches!(m, Material::RoughConductor { eta: Texture::Pattern(_), distribution, .. }
+                    if matches!(distribution.alpha[1], Texture::Pattern(_)))
             },
         ),
     ];
@@ -79,7 +80,10 @@ fn every_type_is_read_without_a_word() {
 #[test]
 fn approximations_are_warned_about() {
     for (bsdf, what) in [
-        (format!("<bsdf type='roughcoating'>{DIFFUSE}</bsdf>"), "an approximation"),
+        (
+            format!("<bsdf type='roughcoating'>{DIFFUSE}</bsdf>"),
+            "an approximation",
+        ),
         (
             "<bsdf type='roughplastic'><texture type='checkerboard' name='alpha'/></bsdf>".to_owned(),
             "mean roughness",
@@ -103,28 +107,48 @@ fn approximations_are_warned_about() {
 
 #[test]
 fn what_cannot_be_rendered_is_an_error() {
-    let deep = |depth: usize| format!("{}{DIFFUSE}{}", "<bsdf type='mask'>".repeat(depth), "</bsdf>".repeat(depth));
+    let deep = |depth: usize| {
+        format!(
+            "{}{DIFFUSE}{}",
+            "<bsdf type='mask'>".repeat(depth),
+            "</bsdf>".repeat(depth)
+        )
+    };
     assert!(material(&deep(15)).is_ok());
     let many = format!("<bsdf type='blendbsdf' id='b0'>{DIFFUSE}{DIFFUSE}</bsdf>\n")
         + &(1..10)
-            .map(|i| format!("<bsdf type='blendbsdf' id='b{i}'><ref id='b{0}'/><ref id='b{0}'/></bsdf>\n", i - 1))
+            .map(|i| {
+                format!(
+                    "<bsdf type='blendbsdf' id='b{i}'><ref id='b{0}'/><ref id='b{0}'/></bsdf>\n",
+                    i - 1
+                )
+            })
             .collect::<String>();
     for (bsdf, what) in [
         (deep(16), "depth of BSDFs"),
         ("<bsdf type='mask'/>".to_owned(), "one nested BSDF (found 0)"),
-        (format!("<bsdf type='blendbsdf'>{DIFFUSE}</bsdf>"), "two nested BSDFs (found 1)"),
+        (
+            format!("<bsdf type='blendbsdf'>{DIFFUSE}</bsdf>"),
+            "two nested BSDFs (found 1)",
+        ),
         (
             format!("<bsdf type='mixturebsdf'><string name='weights' value='0.5, x'/>{DIFFUSE}{DIFFUSE}</bsdf>"),
             "expected numbers from 0 to 1",
         ),
-        (format!("<bsdf type='normalmap'>{DIFFUSE}</bsdf>"), "a texture `normalmap`"),
+        (
+            format!("<bsdf type='normalmap'>{DIFFUSE}</bsdf>"),
+            "a texture `normalmap`",
+        ),
         (
             format!("<bsdf type='twosided'><bsdf type='mask'>{DIFFUSE}</bsdf></bsdf>"),
             "lets light through",
         ),
     ] {
         let faults = material(&bsdf).map(|_| ()).unwrap_err();
-        assert!(faults.contains("main.xml:4") && faults.contains(what), "{bsdf}: {faults}");
+        assert!(
+            faults.contains("main.xml:4") && faults.contains(what),
+            "{bsdf}: {faults}"
+        );
     }
     let body = format!("{LIGHT}<sensor type='perspective'/>{many}<shape type='sphere'><ref id='b9'/></shape>");
     let faults = load(&body, None).map(|_| ()).unwrap_err().to_string();

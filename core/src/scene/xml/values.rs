@@ -3,7 +3,7 @@
 use super::super::description::SpectrumValue;
 use super::super::error::{Place, SceneError, shortened};
 use super::super::faults::FileFaults;
-use super::super::image::srgb_to_linear;
+use super::super::linear_image::srgb_to_linear;
 use super::super::loader::LoadedFile;
 use super::super::text;
 use glam::DVec3;
