@@ -38,6 +38,11 @@ impl ShapeGroup {
         self.before + self.geometry.shapes.len() as u32
     }
 
+    /// A shape of the group, numbered among those of all groups.
+    pub(super) fn shape(&self, number: u32) -> &Shape {
+        &self.geometry.shapes[(number - self.before) as usize]
+    }
+
     /// Bounds of the group in its own space [scene units]: lower and upper corner.
     #[must_use]
     pub fn bounds(&self) -> (Vec3, Vec3) {

@@ -73,6 +73,8 @@ pub struct SurfacePoint {
     pub position_error: f32,
     /// The shape that was hit, within its group where an instance was; the scene maps it to its material and light.
     pub shape: ShapeId,
+    /// The shape itself, or the instance by which it was hit.
+    pub outer: ShapeId,
     /// The triangle of a mesh that was hit; 0 on other shapes.
     pub primitive: u32,
     /// Barycentric coordinates of the second and third vertex of that triangle; zero on other shapes.

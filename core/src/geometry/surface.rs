@@ -27,7 +27,11 @@ impl Geometry {
         let along = || ray.origin.as_dvec3() + hit.t * ray.direction.as_dvec3();
         let shape = self.shape_of(hit.primitive);
         if let Shape::Instance { group, to_world } = &self.shapes[shape as usize] {
-            return self.instanced_point(group, to_world, hit, along());
+            let point = self.instanced_point(group, to_world, hit, along());
+            return SurfacePoint {
+                outer: ShapeId(shape),
+                ..point
+            };
         }
         let interpolated = self.interpolate(shape, hit, along);
         let primitive = hit.primitive - self.first_primitive[shape as usize];
@@ -239,6 +243,7 @@ impl Interpolated {
             uv: self.uv,
             position_error: (position.abs() * f32::EPSILON + self.extent * INTERPOLATION_ERROR).max_element(),
             shape,
+            outer: shape,
             primitive,
             barycentric: Vec2::from_array(barycentric.map(|b| b as f32)),
             distance,

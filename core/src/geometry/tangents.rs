@@ -8,19 +8,43 @@ impl Geometry {
     /// not multiplied by the circumference. Where the texture coordinates say nothing, they are axes of the shading frame.
     #[must_use]
     pub fn tangents(&self, point: &SurfacePoint) -> [Vec3; 2] {
-        let shape = point.shape.0 as usize;
-        let found = match &self.shapes[shape] {
-            Shape::Mesh(mesh) if mesh.uvs.is_empty() => None,
-            Shape::Mesh(mesh) => {
-                let triangle = mesh.triangles[(point.primitive - self.first_primitive[shape]) as usize];
-                let [p0, p1, p2] = triangle.map(|i| mesh.positions[i as usize]);
-                let [uv0, uv1, uv2] = triangle.map(|i| mesh.uvs[i as usize]);
-                of_triangle([p1 - p0, p2 - p0], [uv1 - uv0, uv2 - uv0])
+        let found = match self.shape(point.outer) {
+            Shape::Instance { group, to_world } => {
+                let position = to_world.inverted().point(point.position);
+                let inner = group.shape(point.shape.0 - self.shapes.len() as u32);
+                of_shape(inner, point.primitive, position).map(|tangents| tangents.map(|t| to_world.vector(t)))
             }
-            Shape::Sphere { center, to_local, .. } => of_sphere(point.position - *center, to_local),
-            Shape::Disk { to_world, .. } => of_disk(point.position, to_world),
+            shape => of_shape(shape, point.primitive, point.position),
         };
         found.unwrap_or([point.frame.s, point.frame.t])
+    }
+}
+
+/// Of a shape that is no instance, at `position` on its triangle number `primitive`.
+fn of_shape(shape: &Shape, primitive: u32, position: Vec3) -> Option<[Vec3; 2]> {
+    match shape {
+        Shape::Mesh(mesh) if mesh.uvs.is_empty() => None,
+        Shape::Mesh(mesh) => {
+            let triangle = mesh.triangles[primitive as usize];
+            let [p0, p1, p2] = triangle.map(|i| mesh.positions[i as usize]);
+            let [uv0, uv1, uv2] = triangle.map(|i| mesh.uvs[i as usize]);
+            of_triangle([p1 - p0, p2 - p0], [uv1 - uv0, uv2 - uv0])
+        }
+        Shape::Sphere { center, to_local, .. } => {
+            let local = to_local.vector(position - *center);
+            of_sphere(local).map(|tangents| tangents.map(|t| to_local.inverted().vector(t)))
+        }
+        Shape::Ellipsoid { to_world, .. } => {
+            let local = to_world.inverted().point(position);
+            of_sphere(local).map(|tangents| tangents.map(|t| to_world.vector(t)))
+        }
+        Shape::Disk { to_world, .. } => of_disk(position, to_world),
+        Shape::Cylinder { to_world, .. } => {
+            let local = to_world.inverted().point(position);
+            let around = Vec3::new(-local.y, local.x, 0.0) * TAU;
+            Some([to_world.vector(around), to_world.vector(Vec3::Z)])
+        }
+        Shape::Instance { .. } => None,
     }
 }
 
@@ -32,17 +56,16 @@ fn of_triangle(edges: [Vec3; 2], differences: [Vec2; 2]) -> Option<[Vec3; 2]> {
     (du.is_finite() && dv.is_finite()).then_some([du, dv])
 }
 
-/// `offset` points from the centre to the point.
-fn of_sphere(offset: Vec3, to_local: &Transform) -> Option<[Vec3; 2]> {
-    let w = to_local.vector(offset).try_normalize()?;
+/// On the unit sphere about the origin, along the direction `local`.
+fn of_sphere(local: Vec3) -> Option<[Vec3; 2]> {
+    let w = local.try_normalize()?;
     let radius = (w.x * w.x + w.y * w.y).sqrt();
     if radius == 0.0 {
         return None;
     }
     let du = Vec3::new(-w.y, w.x, 0.0) * TAU;
     let dv = Vec3::new(w.z * w.x / radius, w.z * w.y / radius, -radius) * PI;
-    let to_world = to_local.inverted();
-    Some([to_world.vector(du), to_world.vector(dv)])
+    Some([du, dv])
 }
 
 fn of_disk(position: Vec3, to_world: &Transform) -> Option<[Vec3; 2]> {

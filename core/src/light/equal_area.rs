@@ -98,7 +98,7 @@ fn texel(image: &Bitmap, i: i64, j: i64) -> Spectrum {
     };
     let (i, j) = fold(i, j);
     let (j, i) = fold(j, i);
-    image.texels[(j * size + i) as usize]
+    image.texels.get((j * size + i) as usize)
 }
 
 /// The mean over a texel of the interpolated luminance: that of the texel itself counts six times as much as each neighbour's, along
@@ -175,11 +175,13 @@ mod tests {
     #[test]
     fn values_are_continuous_across_the_edges_of_the_square() {
         let size = 8;
-        let texels = (0..size * size).map(|i| Spectrum::splat((i * 7 % 13) as f32)).collect();
+        let texels = (0..size * size)
+            .map(|i| Spectrum::splat((i * 7 % 13) as f32))
+            .collect::<Vec<_>>();
         let image = Bitmap {
             width: size,
             height: size,
-            texels,
+            texels: texels.into(),
             wrap: crate::texture::WrapMode::Clamp,
             filter: crate::texture::TextureFilter::Bilinear,
         };

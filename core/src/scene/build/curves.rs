@@ -5,6 +5,7 @@ use crate::geometry::Shape;
 use crate::math::{Transform, Vec2};
 use crate::scene::error::SceneError;
 use crate::scene::image;
+use crate::scene::linear_image::Reading;
 use crate::scene::mesh::{self, CurveKind, MeshFile, RawMesh};
 use crate::scene::reader::{ANY, POSITIVE, Reader};
 
@@ -51,7 +52,8 @@ impl Builder<'_, '_> {
         reader.finish();
         let file = self.file(reader)?;
         let left = self.loader.limits.texels.saturating_sub(self.texels);
-        let image = image::read(&file, false, left).map_err(|found| self.description.faults.all_but_last(found))?;
+        let image =
+            image::read(&file, &Reading::COLOURS, left).map_err(|found| self.description.faults.all_but_last(found))?;
         self.texels += image.texels.len() as u64;
         let (width, height) = (image.width, image.height);
         if width < 2 || height < 2 {

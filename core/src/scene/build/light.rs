@@ -7,7 +7,6 @@ use crate::light::Light;
 use crate::math::{AnimatedTransform, Transform, Vec3};
 use crate::scene::description::ObjectId;
 use crate::scene::error::SceneError;
-use crate::scene::linear_image::Reading;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
 use crate::scene::spectrum::BRIGHTEST;

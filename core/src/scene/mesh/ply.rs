@@ -6,7 +6,7 @@ use super::{MeshFile, RawAttribute, RawMesh};
 use crate::math::{Vec2, Vec3};
 use crate::scene::error::SceneError;
 use crate::scene::faults::FileFaults;
-use crate::scene::image::srgb_to_linear;
+use crate::scene::linear_image::srgb_to_linear;
 use crate::scene::text;
 use crate::spectrum::Spectrum;
 use std::collections::BTreeSet;

@@ -9,8 +9,8 @@ use super::state::facing;
 use super::texture::Tint;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError};
-use crate::scene::image;
 use crate::scene::spectrum::Use;
+use crate::scene::{image, linear_image};
 use glam::{DMat4, DVec3};
 use std::f64::consts::{PI, TAU};
 
@@ -150,7 +150,7 @@ impl Reading<'_, '_> {
             Err(fault) => return self.faults.note(fault),
         };
         let texels = self.loader.limits.texels;
-        let decoded = match image::read(&opened, false, texels) {
+        let decoded = match image::read(&opened, &linear_image::Reading::COLOURS, texels) {
             Ok(decoded) => decoded,
             Err(found) => {
                 let last = self.faults.all_but_last(found);
