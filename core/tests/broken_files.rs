@@ -13,7 +13,11 @@ use std::time::{Duration, Instant};
 fn scene_with(name: &str) -> String {
     let filename = format!("<string name='filename' value='{name}'/>");
     let user = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
-        mesh @ ("obj" | "ply" | "serialized") => format!("<shape type='{mesh}'>{filename}</shape>"),
+        mesh @ ("obj" | "ply" | "serialized") => format!(
+            "<shape type='{mesh}'>{filename}<bsdf type='diffuse'>\
+             <texture type='vertexcolors' name='reflectance'/></bsdf></shape>"
+        ),
+        curve @ ("bsplinecurve" | "linearcurve" | "hair") => format!("<shape type='{curve}'>{filename}</shape>"),
         "spd" => "<bsdf type='conductor'><spectrum name='eta' filename='a.spd'/></bsdf>".into(),
         "exr" | "hdr" => format!("<emitter type='envmap'>{filename}</emitter>"),
         _ => format!("<bsdf type='diffuse'><texture name='reflectance' type='bitmap'>{filename}</texture></bsdf>"),
@@ -120,10 +124,30 @@ const SCENE: &str = "<?xml version='1.0'?>\n<scene version='3.0.0'>\n<default na
     <spectrum name='radiance' value='400:1, 700:2'/></emitter></shape>\n<!-- end -->\n</scene>\n";
 
 /// A valid file of each format.
+fn hair_binary() -> Vec<u8> {
+    let mut bytes = b"BINARY_HAIR\x04\0\0\0".to_vec();
+    let infinity = f32::INFINITY;
+    let numbers = [
+        infinity, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, infinity, 1.0, 0.0, 3.0, 2.0, 0.0, 3.0,
+    ];
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    bytes
+}
+
 fn valid_files() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("main.xml", SCENE.as_bytes().to_vec()),
         ("a.obj", OBJ.to_vec()),
+        (
+            "a.bsplinecurve",
+            b"0 0 0 1\n0 1 2 1\n1 0 3 .5\n2 1 4 0.2\n3 1 4 0\n\n# two\n0 0 0 1\n1 0 0 1\n2 0 0 1\n2 2 0 1\n".to_vec(),
+        ),
+        (
+            "a.linearcurve",
+            b"0 0 0 1\n0 1 2 1\n1 0 3 .5\n\n4 4 4 1\n4 4 5 1e-3\n".to_vec(),
+        ),
+        ("text.hair", b"0 0 0\n0 1 2\n\n1 0 3\n2 0 3\n".to_vec()),
+        ("binary.hair", hair_binary()),
         ("text.ply", ply_text()),
         ("binary.ply", ply_binary()),
         ("three.serialized", serialized(3)),

@@ -60,6 +60,8 @@ impl Builder<'_, '_> {
             let reason = format!("the image has {width} x {height} pixels; a height field needs at least 2 x 2");
             return Err(reader.wrong("filename", reason));
         }
+        let (columns, rows) = ((width - 1) as u64, (height - 1) as u64);
+        self.count_mesh(reader.place(), (columns + 1) * (rows + 1), 2 * columns * rows)?;
         let mut raw = RawMesh::default();
         for (index, texel) in image.texels.iter().enumerate() {
             let at = [index % width, index / width];
@@ -72,7 +74,6 @@ impl Builder<'_, '_> {
                 raw.triangles.extend([[a, b, d], [a, d, c]]);
             }
         }
-        self.count(reader.place(), &raw)?;
         let finished = mesh::finish(raw, to_world, !smooth, flip);
         let (mesh, _) = finished.map_err(|reason| reader.wrong("to_world", reason))?;
         Ok(Shape::Mesh(mesh.into()))

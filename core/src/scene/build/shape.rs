@@ -158,7 +158,7 @@ impl Builder<'_, '_> {
         };
         self.attributes = MeshAttributes::default();
         let shape = match radiance {
-            Some(_) => self.with_even_area(reader, shape)?,
+            Some(_) => self.with_even_area(reader, shape, moving.as_ref().map(|(_, motion)| motion))?,
             None => shape,
         };
         let moving = moving.map(|(_, to_world)| to_world);
@@ -214,10 +214,19 @@ impl Builder<'_, '_> {
     }
 
     /// The shape, or a mesh in its place where no points can be chosen on it uniformly by area.
-    fn with_even_area(&mut self, reader: &Reader, shape: Shape) -> Result<Shape, SceneError> {
+    fn with_even_area(
+        &mut self,
+        reader: &Reader,
+        shape: Shape,
+        motion: Option<&AnimatedTransform>,
+    ) -> Result<Shape, SceneError> {
+        let is_even = |to_world: &Transform| {
+            let mut keyframes = motion.into_iter().flat_map(AnimatedTransform::keyframes);
+            is_even_cylinder(to_world) && keyframes.all(|keyframe| is_even_cylinder(&keyframe.after(to_world)))
+        };
         let (raw, to_world, flip) = match shape {
             Shape::Ellipsoid { to_world, flip_normals } => (primitives::sphere(), to_world, flip_normals),
-            Shape::Cylinder { to_world, flip_normals } if !is_even_cylinder(&to_world) => {
+            Shape::Cylinder { to_world, flip_normals } if !is_even(&to_world) => {
                 (primitives::cylinder(), to_world, flip_normals)
             }
             shape => return Ok(shape),
@@ -294,23 +303,18 @@ impl Builder<'_, '_> {
     }
 
     /// Counts a mesh among those of the scene.
-    pub(super) fn count(&mut self, place: &Place, raw: &RawMesh) -> Result<(), SceneError> {
-        self.meshes.triangles += raw.triangles.len() as u64;
-        self.meshes.vertices += raw.positions.len() as u64;
-        let limits = self.loader.limits;
-        within(
-            place,
-            "number of triangles of the scene",
-            self.meshes.triangles,
-            limits.triangles,
-        )?;
-        within(
-            place,
-            "number of vertices of the scene",
-            self.meshes.vertices,
-            limits.vertices,
-        )
-        .map(|_| ())
+    fn count(&mut self, place: &Place, raw: &RawMesh) -> Result<(), SceneError> {
+        self.count_mesh(place, raw.positions.len() as u64, raw.triangles.len() as u64)
+    }
+
+    pub(super) fn count_mesh(&mut self, place: &Place, vertices: u64, triangles: u64) -> Result<(), SceneError> {
+        self.meshes.vertices += vertices;
+        self.meshes.triangles += triangles;
+        let (meshes, limits) = (self.meshes, self.loader.limits);
+        let of_scene = "number of triangles of the scene";
+        within(place, of_scene, meshes.triangles, limits.triangles)?;
+        let of_scene = "number of vertices of the scene";
+        within(place, of_scene, meshes.vertices, limits.vertices).map(|_| ())
     }
 
     fn mesh_file(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {

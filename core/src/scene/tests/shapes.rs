@@ -321,6 +321,35 @@ fn uneven_spheres_are_ellipsoids() {
     assert!(lamp.light_at(&point).is_some() && point.frame.n.dot(normal) > 0.999);
 }
 
+/// Points on a light are chosen by its area, which an even cylinder only has in closed form, at each moment.
+#[test]
+fn cylinders_that_shine_are_even_or_meshes() {
+    let told = |inside: &str| {
+        let body = format!(
+            "<sensor type='perspective'><float name='shutter_open' value='0'/><float name='shutter_close' value='1'/></sensor>\
+             <shape type='cylinder'>{inside}<emitter type='area'/></shape>"
+        );
+        warnings(&load(&body, None).unwrap())
+            .join("\n")
+            .contains("as a light it is a mesh of 256 triangles")
+    };
+    let still = |map: &str| told(&format!("<transform name='to_world'>{map}</transform>"));
+    let moving = |map: &str| {
+        told(&format!(
+            "<animation name='to_world'><transform time='0'><scale value='1'/></transform>\
+             <transform time='1'>{map}</transform></animation>"
+        ))
+    };
+    for (map, mesh) in [
+        ("<scale value='3'/><rotate x='1' y='1' angle='30'/>", false),
+        ("<scale z='3'/>", false),
+        ("<scale x='3'/>", true),
+        ("<rotate x='1' angle='30'/><scale z='3'/>", true),
+    ] {
+        assert_eq!((still(map), moving(map)), (mesh, mesh), "{map}");
+    }
+}
+
 const STRANDS: &str = "0 0 0 0.5\n0 0 3 0.5\n\n# another\n 4 0 0 0.25 \r\n4 0 2 0.25\n4 2 2 0.25\n";
 
 #[test]
@@ -415,6 +444,17 @@ fn a_height_field_is_raised_by_its_image() {
     let point = hit(&scene, [0.3, 0.5, 9.0], [0.0, 0.0, -1.0]).unwrap();
     assert!((point.position.z - 1.5).abs() < 1e-5, "{point:?}");
     assert!(point.geometric_normal.z > 0.0 && (point.uv - Vec2::new(0.65, 0.75)).length() < 1e-6);
+    let limits = Limits {
+        triangles: 1,
+        ..Limits::default()
+    };
+    let over = load_files(&body, &[("h.pfm", &image)], &limits)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        over.contains("number of triangles of the scene: 2 is over the limit of 1"),
+        "{over}"
+    );
     let one = b"PF\n1 1\n-1\n\0\0\0\0\0\0\0\0\0\0\0\0";
     let fault = load_files(&body, &[("h.pfm", one)], &Limits::default()).unwrap_err();
     assert!(fault.to_string().contains("at least 2 x 2"), "{fault}");
