@@ -82,7 +82,7 @@ fn an_irradiance_meter_measures_the_closed_form() {
             sum / 4_800.0
         })
         .collect();
-    for settings in integrators(1 << 17, 1 << 18) {
+    for settings in integrators(1 << 16, 1 << 18) {
         let pixels = render(&scene, &settings);
         for (pixel, expected) in pixels.iter().zip(&expected) {
             let error = f64::from(pixel[1]) / expected - 1.0;
