@@ -3,7 +3,7 @@
 use super::{BALL, LIGHT, load, warnings};
 use crate::chi_square::integrate_sphere;
 use crate::light::daylight::{Sky, sun_irradiance};
-use crate::math::{DVec2, DVec3, Vec3};
+use crate::math::{DVec2, DVec3, PI, TAU, Vec3};
 use crate::scene::{Limits, Scene};
 use std::collections::BTreeMap;
 
@@ -108,22 +108,19 @@ fn a_sun_stands_where_it_belongs() {
     );
 }
 
-/// Measured in a map of 512 x 256 texels that Mitsuba 0.6 made of this emitter: radiances of the sky by longitude and colatitude [degrees], and
-/// the irradiance of the sun, whose texels hold 0.1 % of sky.
+/// Measured in a map of 512 x 256 texels that Mitsuba 0.6 made of this emitter: radiances of the sky by column and row, and the
+/// irradiance of the sun, whose texels hold 0.1 % of sky.
 #[test]
 fn a_sky_and_a_sun_of_old_are_those_of_mitsuba_0_6() {
     let morning =
         old("<emitter type='sunsky'><float name='hour' value='9'/><float name='turbidity' value='5'/></emitter>");
-    for ([longitude, colatitude], expected) in [
-        ([0.351_562_5, 5.273_437_5], [0.045_410_76, 0.062_740_97, 0.102_871_54]),
-        ([90.351_562_5, 60.117_187_5], [0.237_244_93, 0.268_422_16, 0.303_066_52]),
-        (
-            [180.351_562_5, 60.117_187_5],
-            [0.055_854_91, 0.085_332_74, 0.144_458_89],
-        ),
-        ([270.351_562_5, 29.882_812_5], [0.028_307_23, 0.048_341_95, 0.090_715_7]),
+    for ([column, row], expected) in [
+        ([0.0, 7.0], [0.045_410_76, 0.062_740_97, 0.102_871_54]),
+        ([128.0, 85.0], [0.237_244_93, 0.268_422_16, 0.303_066_52]),
+        ([256.0, 85.0], [0.055_854_91, 0.085_332_74, 0.144_458_89]),
+        ([384.0, 42.0], [0.028_307_23, 0.048_341_95, 0.090_715_7]),
     ] {
-        let (phi, theta) = (f32::to_radians(longitude), f32::to_radians(colatitude));
+        let (phi, theta): (f32, f32) = (TAU * (column + 0.5) / 512.0, PI * (row + 0.5) / 256.0);
         let ((sin_phi, cos_phi), (sin_theta, cos_theta)) = (libm::sincosf(phi), libm::sincosf(theta));
         let towards = Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi);
         let found = morning.lights.background(towards).to_rgb();
