@@ -13,7 +13,9 @@ mod directive;
 mod grid;
 mod light;
 mod material;
+mod old_material;
 mod parameter;
+mod quadric;
 mod shape;
 mod state;
 mod subdivision;
@@ -133,16 +135,7 @@ impl Reading<'_, '_> {
         )?;
         self.open_files.push(file.name.clone());
         let mut tokens = Tokens::new(&file.name, bytes);
-        let outer = self.blocks.len();
         self.directives(&mut tokens)?;
-        // A block that begins in a file ends in it, or nobody sees where.
-        if let Some((block, _, place)) = self.blocks.get(outer) {
-            let reason = "the file ends before it does";
-            self.faults.note(SceneError::value(place, block.begin(), reason))?;
-            let state = self.blocks.drain(outer..).next().map(|(_, state, _)| state);
-            self.state = state.unwrap_or_default();
-            self.group = None;
-        }
         self.open_files.pop();
         Ok(())
     }
@@ -167,6 +160,10 @@ impl Reading<'_, '_> {
     }
 
     fn finish(mut self) -> Result<Description, SceneError> {
+        for (block, _, place) in &self.blocks {
+            let reason = "the scene ends before it does";
+            self.faults.note(SceneError::value(place, block.begin(), reason))?;
+        }
         self.view()?;
         Ok(self.draft.finish())
     }

@@ -123,7 +123,7 @@ fn faults_name_line_directive_and_parameter() {
         ),
         (
             "\nAttributeBegin",
-            "main.pbrt:2: AttributeBegin: the file ends before it does",
+            "main.pbrt:2: AttributeBegin: the scene ends before it does",
         ),
         ("ObjectInstance \"a\"", "no object of the name has been defined"),
         (
