@@ -4,7 +4,7 @@
 //! plugins that are made for them. What has no counterpart is told.
 
 use super::document::{Document, Material, TextureInfo};
-use super::texture::{Sampling, Textures};
+use super::texture::{Change, Sampling, Textures};
 use super::warnings::Told;
 use crate::scene::description::{Draft, Kind, ObjectId, Value};
 use crate::scene::error::{SceneError, shortened};
@@ -183,6 +183,14 @@ impl Maker<'_, '_, '_, '_, '_> {
         self.choose_set(info, field);
         let written = format!("{} {field}", self.name);
         self.textures.add(self.draft, self.loader, info, &written, sampling)
+    }
+
+    /// The texture of numbers that `change` makes of that of `info`.
+    fn changed(&mut self, info: &TextureInfo, field: &str, change: Change) -> Result<ObjectId, SceneError> {
+        self.choose_set(info, field);
+        let written = format!("{} {field}", self.name);
+        self.textures
+            .add_changed(self.draft, self.loader, info, &written, change)
     }
 
     /// The property `name`, a colour: `factor`, times the texture where there is one.
@@ -473,12 +481,13 @@ impl Maker<'_, '_, '_, '_, '_> {
         let Some(normals) = &material.normal_texture else {
             return Ok(inner);
         };
-        let texture = self.texture(normals, "normalTexture", Sampling::numbers())?;
+        let field = "normalTexture";
+        let texture = match normals.scale == 1.0 {
+            true => self.texture(normals, field, Sampling::numbers())?,
+            false => self.changed(normals, field, Change::Steeper { scale: normals.scale })?,
+        };
         let outer = self.around("normalmap", inner);
         self.draft.link(outer, Some("normalmap"), texture);
-        if normals.scale != 1.0 {
-            self.draft.set(outer, "scale", Value::Float(normals.scale));
-        }
         Ok(outer)
     }
 
@@ -521,12 +530,7 @@ impl Maker<'_, '_, '_, '_, '_> {
         let field = "baseColorTexture";
         let opacity = match cutoff {
             None => self.texture(texture, field, Sampling::channel("a", alpha))?,
-            Some(cutoff) => {
-                self.choose_set(texture, field);
-                let written = format!("{} {field}", self.name);
-                let cut = (alpha, cutoff);
-                self.textures.add_cut(self.draft, self.loader, texture, &written, cut)?
-            }
+            Some(cutoff) => self.changed(texture, field, Change::Cut { factor: alpha, cutoff })?,
         };
         let outer = self.around("mask", inner);
         self.draft.link(outer, Some("opacity"), opacity);

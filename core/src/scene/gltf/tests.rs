@@ -625,6 +625,41 @@ fn materials_become_the_plugins_that_are_made_for_them() {
     }
 }
 
+/// The cutoff of MASK, and the scale of a normal texture, are worked into the image.
+#[test]
+fn masks_are_cut_and_normals_steepened_in_the_image() {
+    let (files, main) = blender("textures");
+    let json = String::from_utf8_lossy(&files[&main]).into_owned();
+    assert!(json.contains(r#""alphaMode":"BLEND""#));
+    let mut bytes = files[&main].clone();
+    let at = json.find(r#""alphaMode":"BLEND""#).unwrap();
+    bytes[at..at + 19].copy_from_slice(br#""alphaMode":"MASK" "#);
+    let scene = Described::of(&BTreeMap::from([(main.clone(), bytes)]), &main, &[]).unwrap();
+    let mask = scene
+        .all(Kind::Bsdf)
+        .into_iter()
+        .find(|bsdf| bsdf.plugin == "mask")
+        .unwrap();
+    let opacity = mask
+        .children
+        .iter()
+        .find(|child| child.name.as_deref() == Some("opacity"))
+        .unwrap();
+    let Value::File(file) = &scene.description.objects[opacity.target].properties["filename"].value else {
+        panic!("{mask:?}");
+    };
+    // Blender's leaf is opaque in its middle and clear at its corners.
+    let levels = image::load_from_memory(&file.bytes).unwrap().into_luma8();
+    assert_eq!((levels.get_pixel(16, 16).0, levels.get_pixel(0, 0).0), ([255], [0]));
+    let steeper = texture::Change::Steeper { scale: 2.0 };
+    // A slope of 3/4 in x, and of 0 in y, becomes one of 3/2.
+    let encoded = |c: f64| ((0.5 * c + 0.5) * 65535.0).round() as u16;
+    let [x, y, z, _] = steeper.pixel([encoded(0.6), encoded(0.0), encoded(0.8), 9]);
+    let length = libm::sqrt(1.5 * 1.5 + 1.0);
+    let expected = [1.5 / length, 0.0, 1.0 / length].map(encoded);
+    near(&[x, y, z].map(f64::from), &expected.map(f64::from), 2.0);
+}
+
 /// A turn of the coordinates is against the clock as the picture is seen: u' = c u + s v and v' = c v - s u, as Blender's importer and the
 /// sample viewer of Khronos have it.
 #[test]

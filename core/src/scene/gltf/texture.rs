@@ -8,8 +8,8 @@ use crate::math::Transform;
 use crate::scene::description::{Draft, Kind, ObjectId, Value};
 use crate::scene::error::{SceneError, shortened};
 use crate::scene::loader::{LoadedFile, Loader};
-use glam::{DMat4, DVec4};
-use image::{GrayImage, ImageFormat, ImageReader};
+use glam::{DMat4, DVec3, DVec4};
+use image::{ImageFormat, ImageReader};
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
@@ -88,19 +88,20 @@ impl Textures<'_> {
         Ok(scaled)
     }
 
-    /// Adds a texture that is 1 where the alpha of an image, times `factor`, reaches `cutoff`, and 0 elsewhere.
-    pub(super) fn add_cut(
+    /// Adds a texture of numbers that are made of the image's pixels.
+    pub(super) fn add_changed(
         &mut self,
         draft: &mut Draft,
         loader: &mut Loader,
         info: &TextureInfo,
         written: &str,
-        (factor, cutoff): (f64, f64),
+        change: Change,
     ) -> Result<ObjectId, SceneError> {
         let file = self.file(info, loader, written)?;
-        let cut = cut(&file, factor, cutoff, loader.limits.texels)
+        let changed = change
+            .of(&file, loader.limits.texels)
             .map_err(|reason| SceneError::value(self.told.place(), written, reason))?;
-        let object = self.bitmap(draft, info, cut, written)?;
+        let object = self.bitmap(draft, info, changed, written)?;
         draft.set(object, "raw", Value::Boolean(true));
         Ok(object)
     }
@@ -216,30 +217,59 @@ impl Textures<'_> {
     }
 }
 
-/// An image that is white where the alpha of another, times `factor`, reaches `cutoff`, and black elsewhere. Errors say what is wrong with that.
-fn cut(file: &LoadedFile, factor: f64, cutoff: f64, most_texels: u64) -> Result<LoadedFile, String> {
-    let broken = |error: image::ImageError| format!("broken image: {error}");
-    let reader = || ImageReader::new(Cursor::new(&file.bytes[..])).with_guessed_format();
-    let reader = || reader().map_err(|error| format!("broken image: {error}"));
-    let (width, height) = reader()?.into_dimensions().map_err(broken)?;
-    let texels = u64::from(width) * u64::from(height);
-    if texels > most_texels {
-        return Err(format!("number of texels: {texels} is over the limit of {most_texels}"));
+/// What is made of an image before it is rendered.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Change {
+    /// 1 where its alpha, times `factor`, reaches `cutoff`, and 0 elsewhere.
+    Cut { factor: f64, cutoff: f64 },
+    /// Normals whose first two coordinates are multiplied by `scale` (section 3.9.3 of the specification).
+    Steeper { scale: f64 },
+}
+
+impl Change {
+    /// The changed image. Errors say what is wrong with the image.
+    fn of(self, file: &LoadedFile, most_texels: u64) -> Result<LoadedFile, String> {
+        let broken = |error: image::ImageError| format!("broken image: {error}");
+        let reader = || {
+            let reader = ImageReader::new(Cursor::new(&file.bytes[..])).with_guessed_format();
+            reader.map_err(|error| format!("broken image: {error}"))
+        };
+        let (width, height) = reader()?.into_dimensions().map_err(broken)?;
+        let texels = u64::from(width) * u64::from(height);
+        if texels > most_texels {
+            return Err(format!("number of texels: {texels} is over the limit of {most_texels}"));
+        }
+        let mut limits = image::Limits::default();
+        limits.max_alloc = Some(most_texels.saturating_mul(16).max(1 << 20));
+        let mut reader = reader()?;
+        reader.limits(limits);
+        let mut pixels = reader.decode().map_err(broken)?.into_rgba16();
+        pixels.pixels_mut().for_each(|pixel| pixel.0 = self.pixel(pixel.0));
+        let mut bytes = Cursor::new(Vec::new());
+        pixels.write_to(&mut bytes, ImageFormat::Png).map_err(broken)?;
+        Ok(LoadedFile {
+            name: format!("{} as {self:?}", file.name),
+            bytes: bytes.into_inner().into(),
+        })
     }
-    let mut limits = image::Limits::default();
-    limits.max_alloc = Some(most_texels.saturating_mul(16).max(1 << 20));
-    let mut reader = reader()?;
-    reader.limits(limits);
-    let alpha = reader.decode().map_err(broken)?.into_rgba16();
-    let shows = |alpha: u16| f64::from(alpha) / f64::from(u16::MAX) * factor >= cutoff;
-    let levels = alpha.pixels().map(|pixel| if shows(pixel.0[3]) { u8::MAX } else { 0 });
-    let levels = GrayImage::from_vec(width, height, levels.collect()).ok_or("the image has no pixels")?;
-    let mut bytes = Cursor::new(Vec::new());
-    levels.write_to(&mut bytes, ImageFormat::Png).map_err(broken)?;
-    Ok(LoadedFile {
-        name: format!("{} cut at {}", file.name, cutoff / factor),
-        bytes: bytes.into_inner().into(),
-    })
+
+    /// What becomes of a pixel.
+    pub(super) fn pixel(self, [r, g, b, a]: [u16; 4]) -> [u16; 4] {
+        const MOST: f64 = u16::MAX as f64;
+        match self {
+            Self::Cut { factor, cutoff } => {
+                let shows = f64::from(a) / MOST * factor >= cutoff;
+                let level = if shows { u16::MAX } else { 0 };
+                [level, level, level, u16::MAX]
+            }
+            Self::Steeper { scale } => {
+                let [x, y, z] = [r, g, b].map(|c| f64::from(c) / MOST * 2.0 - 1.0);
+                let normal = DVec3::new(x * scale, y * scale, z).normalize_or(DVec3::Z);
+                let [x, y, z] = normal.to_array().map(|c| ((0.5 * c + 0.5) * MOST).round() as u16);
+                [x, y, z, u16::MAX]
+            }
+        }
+    }
 }
 
 /// The map of KHR_texture_transform: scale, then rotation, then offset. `None` where it has no inverse.
