@@ -294,7 +294,7 @@ impl Maker<'_, '_, '_, '_, '_> {
             true => tint,
             // The diffuse part of glTF gets what the surface above it lets through, 1 - F (appendix B.3.5), and that of `principled` all. Of F
             // the value at normal incidence is taken.
-            false if metallic == 0.0 => base.map(|c| c * (1.0 - ((eta - 1.0) / (eta + 1.0)).powi(2))),
+            false if metallic == 0.0 => base.map(|c| c * (1.0 - normal_reflectance(eta))),
             false => base,
         };
         self.base_colour(bsdf, "base_color", color)?;
@@ -452,8 +452,7 @@ impl Maker<'_, '_, '_, '_, '_> {
         if transmits || scale == 1.0 {
             return ior;
         }
-        let normal = ((ior - 1.0) / (ior + 1.0)).powi(2);
-        let root = (normal * scale).clamp(0.0, 0.9).sqrt();
+        let root = (normal_reflectance(ior) * scale).clamp(0.0, 0.9).sqrt();
         (1.0 + root) / (1.0 - root)
     }
 
@@ -559,6 +558,12 @@ impl Maker<'_, '_, '_, '_, '_> {
         self.colour(emitter, "radiance", factor, texture)?;
         Ok(Some(emitter))
     }
+}
+
+/// The reflectance of a dielectric at normal incidence.
+fn normal_reflectance(eta: f64) -> f64 {
+    let root = (eta - 1.0) / (eta + 1.0);
+    root * root
 }
 
 /// The largest index that is rendered: it reflects nine tenths at normal incidence.
