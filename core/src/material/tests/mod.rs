@@ -32,7 +32,7 @@ const TANGENTS: Tangents = Tangents {
 
 impl Material {
     /// The BSDF at a point of a surface with [`TANGENTS`].
-    fn resolve(&self, at: &TexturePoint, wo: Vec3) -> Bsdf {
+    pub(crate) fn resolve(&self, at: &TexturePoint, wo: Vec3) -> Bsdf {
         self.resolve_on(at, wo, &|| TANGENTS)
     }
 }
