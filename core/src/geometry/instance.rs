@@ -2,7 +2,7 @@
 
 use super::hierarchy::Hierarchy;
 use super::surface::Interpolated;
-use super::traversal::{Hit, Search};
+use super::traversal::Hit;
 use super::{Geometry, Line, Shape, ShapeId, SurfacePoint};
 use crate::math::{DVec3, Transform, Vec3};
 use glam::{DAffine3, DMat3};
@@ -74,33 +74,50 @@ impl Placed {
         }
     }
 
-    /// The hit that a search finds before the distance `end`. Its primitive is of the group, and so is the place where the
-    /// hierarchy keeps it.
-    ///
-    /// The search begins close to the group, where its coordinates are no larger than the group's: only so do they keep their
-    /// precision in the hierarchy's tests of boxes.
+    /// The nearest hit before the distance `end`. Its primitive is of the group, and so is the place where the hierarchy keeps it.
     #[inline(never)]
-    pub(super) fn intersect(&self, line: &Line, end: f64, search: Search) -> Option<Hit> {
-        let hierarchy = &self.group.geometry.hierarchy;
-        let origin = self.to_local.transform_point3(line.origin);
-        let direction = self.to_local.transform_vector3(line.direction);
-        let stretch = direction.length();
-        let direction = direction / stretch;
-        let start = enter(hierarchy, origin, direction)?.max(0.0);
-        let line = Line {
-            origin: origin + start * direction,
-            direction,
-        };
-        let end = end * stretch - start;
-        let hit = match search {
-            Search::Nearest => hierarchy.nearest(&line, end),
-            Search::Any => hierarchy.any(&line, end),
-        }?;
+    pub(super) fn nearest(&self, line: &Line, end: f64) -> Option<Hit> {
+        let Local { line, start, stretch } = self.enter(line)?;
+        let hit = self.group.geometry.hierarchy.nearest(&line, end * stretch - start)?;
         Some(Hit {
             t: (start + hit.t) / stretch,
             ..hit
         })
     }
+
+    /// Whether there is any hit before the distance `end`.
+    #[inline(never)]
+    pub(super) fn any(&self, line: &Line, end: f64) -> bool {
+        let hierarchy = &self.group.geometry.hierarchy;
+        self.enter(line)
+            .is_some_and(|local| hierarchy.any(&local.line, end * local.stretch - local.start))
+    }
+
+    /// The line in the group's space; `None` where it passes the group.
+    ///
+    /// It begins close to the group, where its coordinates are no larger than the group's: only so do they keep their precision in
+    /// the hierarchy's tests of boxes.
+    fn enter(&self, line: &Line) -> Option<Local> {
+        let origin = self.to_local.transform_point3(line.origin);
+        let direction = self.to_local.transform_vector3(line.direction);
+        let stretch = direction.length();
+        let direction = direction / stretch;
+        let start = enter(&self.group.geometry.hierarchy, origin, direction)?.max(0.0);
+        let line = Line {
+            origin: origin + start * direction,
+            direction,
+        };
+        Some(Local { line, start, stretch })
+    }
+}
+
+/// A line in the space of a group.
+struct Local {
+    line: Line,
+    /// The distance in the group's space from where the line begins in the world.
+    start: f64,
+    /// Lengths in the group's space over those in the world, along the line.
+    stretch: f64,
 }
 
 /// The distance, before which nothing lies, at which a line comes close to the bounds of a hierarchy; `None` where it passes them.

@@ -265,9 +265,7 @@ impl Geometry {
     /// Whether anything lies on the ray before `max_distance`.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        self.hierarchy
-            .any(&Line::of(ray), f64::from(ray.max_distance))
-            .is_some()
+        self.hierarchy.any(&Line::of(ray), f64::from(ray.max_distance))
     }
 
     /// Bounds of all shapes [scene units]: lower and upper corner. Both are zero where there is nothing.

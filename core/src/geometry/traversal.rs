@@ -23,9 +23,19 @@ pub(super) struct Hit {
     pub(super) place: u32,
 }
 
+impl Hit {
+    /// A hit before the end of a search for any, of which no more is known.
+    const SOMEWHERE: Self = Self {
+        t: 0.0,
+        barycentric: [0.0; 2],
+        primitive: 0,
+        place: 0,
+    };
+}
+
 /// What a walk looks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Search {
+enum Search {
     /// The nearest hit.
     Nearest,
     /// Any hit.
@@ -198,12 +208,12 @@ impl Hierarchy {
         (best.primitive != u32::MAX).then_some(best)
     }
 
-    /// Any hit before the distance `end`.
-    pub(super) fn any(&self, line: &Line, end: f64) -> Option<Hit> {
-        let mut found = None;
+    /// Whether there is any hit before the distance `end`.
+    pub(super) fn any(&self, line: &Line, end: f64) -> bool {
+        let mut found = false;
         self.walk(line, end, Search::Any, |hit| {
-            found = (hit.t < end).then_some(hit);
-            found.is_none().then_some(end)
+            found = hit.t < end;
+            (!found).then_some(end)
         });
         found
     }
@@ -269,10 +279,10 @@ impl Hierarchy {
                 Target::Curved(index) => {
                     let leaf = &self.curved[index];
                     let hit = match &leaf.curved {
-                        Curved::Instance(placed) => {
-                            let end = if search == Search::Any { end } else { f64::from(limit) };
-                            placed.intersect(line, end, search)
-                        }
+                        Curved::Instance(placed) => match search {
+                            Search::Nearest => placed.nearest(line, f64::from(limit)),
+                            Search::Any => placed.any(line, end).then_some(Hit::SOMEWHERE),
+                        },
                         curved => curved.intersect(line).map(|t| Hit {
                             t,
                             barycentric: [0.0; 2],
