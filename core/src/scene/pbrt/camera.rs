@@ -2,6 +2,7 @@
 
 use super::Reading;
 use super::parameter::Parameters;
+use super::state::inverse;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::SceneError;
 use glam::{DMat4, DVec3};
@@ -53,7 +54,7 @@ impl Reading<'_, '_> {
     ) -> Result<(), SceneError> {
         match word {
             "Camera" => {
-                let to_world = self.state.to_world.map(|matrix| matrix.inverse());
+                let to_world = self.state.to_world.map(inverse);
                 self.systems.insert("camera".to_owned(), to_world);
                 let from_world = self.state.to_world;
                 self.views.camera = Some(Camera {
@@ -184,7 +185,7 @@ impl Reading<'_, '_> {
         // Scale along the axes of the camera's space: in the picture that of the image plane, as the map has it.
         let mut scales = [1.0; 3];
         let to_world = camera.from_world.map(|from_world| {
-            let matrix = from_world.inverse() * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+            let matrix = inverse(from_world) * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
             scales = [matrix.x_axis.length(), matrix.y_axis.length(), matrix.z_axis.length()];
             let [x, y, z] = [
                 matrix.x_axis / scales[0],
@@ -230,10 +231,7 @@ impl Reading<'_, '_> {
             DVec3::NEG_X.extend(0.0),
             DVec3::ZERO.extend(1.0),
         );
-        self.set_to_world(
-            sensor,
-            camera.from_world.map(|from_world| from_world.inverse() * turned),
-        )
+        self.set_to_world(sensor, camera.from_world.map(|from_world| inverse(from_world) * turned))
     }
 
     fn orthographic(
@@ -250,10 +248,7 @@ impl Reading<'_, '_> {
         let half = 0.5 * (x1 - x0);
         let middle = DVec3::new(0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0);
         let window = DMat4::from_translation(middle) * DMat4::from_scale(DVec3::new(-half, half, 1.0));
-        self.set_to_world(
-            sensor,
-            camera.from_world.map(|from_world| from_world.inverse() * window),
-        )
+        self.set_to_world(sensor, camera.from_world.map(|from_world| inverse(from_world) * window))
     }
 
     /// The film, with the filter.

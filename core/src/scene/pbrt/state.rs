@@ -3,7 +3,7 @@
 use super::colour::ColourSpace;
 use super::parameter::{Parameter, Parameters};
 use crate::scene::description::ObjectId;
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3, DVec4};
 use std::rc::Rc;
 
 /// What shapes, lights and materials are made with.
@@ -106,7 +106,18 @@ pub(super) fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Option<DMat4> {
     let right = up.try_normalize()?.cross(forward).try_normalize()?;
     let up = forward.cross(right);
     let to_world = DMat4::from_cols(right.extend(0.0), up.extend(0.0), forward.extend(0.0), eye.extend(1.0));
-    Some(to_world.inverse())
+    Some(inverse(to_world))
+}
+
+/// The inverse of a map, affine to the last bit where the map is.
+pub(super) fn inverse(matrix: DMat4) -> DMat4 {
+    if matrix.row(3) != DVec4::W {
+        return matrix.inverse();
+    }
+    let linear = DMat3::from_mat4(matrix).inverse();
+    let translation = -(linear * matrix.w_axis.truncate());
+    let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| axis.extend(0.0));
+    DMat4::from_cols(x, y, z, translation.extend(1.0))
 }
 
 /// A rotation whose z axis is `direction`.
