@@ -71,7 +71,7 @@ fn faults_name_line_directive_and_parameter() {
             "file `no.ply` was not found",
         ),
         ("Scale 0 1 1 Shape \"sphere\" \"float zmin\" 0.5", "no finite inverse"),
-        ("Transform [1 2 3]", "`` is not a number"),
+        ("Transform [1 2 3]", "a number is missing"),
         ("Rotate 3 0 0 0", "Rotate: the axis has no length"),
         ("LookAt 0 0 0 0 0 0 0 1 0", "LookAt: eye and target are the same"),
         ("CoordSysTransform \"nowhere\"", "unknown coordinate system `nowhere`"),
