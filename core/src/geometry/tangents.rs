@@ -74,3 +74,56 @@ fn of_disk(position: Vec3, to_world: &Transform) -> Option<[Vec3; 2]> {
     let around = Vec3::new(-outward.y, outward.x, 0.0);
     Some([to_world.vector(outward), to_world.vector(around)])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Ray, TriangleMesh};
+    use std::sync::Arc;
+
+    /// A step along both tangents changes the texture coordinates by as much.
+    #[test]
+    fn tangents_are_derivatives_by_the_texture_coordinates() {
+        let mesh = TriangleMesh {
+            positions: vec![
+                Vec3::new(-1.0, -1.0, 0.1),
+                Vec3::new(2.0, -1.0, 0.3),
+                Vec3::new(0.0, 2.0, -0.2),
+            ],
+            normals: Vec::new(),
+            uvs: vec![Vec2::new(0.1, 0.9), Vec2::new(0.8, 0.7), Vec2::new(0.4, 0.2)],
+            triangles: vec![[0, 1, 2]],
+        };
+        let turned = glam::DMat4::from_rotation_y(0.7) * glam::DMat4::from_scale(glam::DVec3::splat(0.5));
+        let sphere = Shape::Sphere {
+            center: Vec3::new(0.2, 0.1, 0.0),
+            radius: 2.0,
+            to_local: Transform::from_matrix(turned).unwrap(),
+            flip_normals: false,
+        };
+        for shape in [Shape::Mesh(Arc::new(mesh)), sphere] {
+            let geometry = Geometry::build(vec![shape]);
+            let hit = |x: f32, y: f32| {
+                geometry
+                    .intersect(&Ray {
+                        origin: Vec3::new(x, y, 5.0),
+                        direction: -Vec3::Z,
+                        max_distance: f32::INFINITY,
+                    })
+                    .unwrap()
+            };
+            let (at, step) = (hit(0.3, 0.2), 1e-3);
+            let [du, dv] = geometry.tangents(&at);
+            for (x, y) in [(step, 0.0), (0.0, step)] {
+                let near = hit(0.3 + x, 0.2 + y);
+                let change = near.uv - at.uv;
+                let moved = near.position - at.position;
+                let expected = du * change.x + dv * change.y;
+                assert!(
+                    (moved - expected).length() < 2e-2 * moved.length(),
+                    "{moved} {expected}"
+                );
+            }
+        }
+    }
+}

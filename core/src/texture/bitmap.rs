@@ -257,6 +257,28 @@ mod tests {
         }
     }
 
+    /// Values of Mitsuba 3.9.1 for an image of three by two at (0.4, 0.3): of `eval_1_grad`, and with `to_uv` set to [`SKEW`] of differences of
+    /// `eval_1`, since `eval_1_grad` is not the derivative of it there.
+    #[test]
+    fn slopes_agree_with_mitsuba() {
+        let texels = [0.0, 0.2, 0.1, 0.3, 0.5, 0.05].map(Spectrum::splat).to_vec();
+        let image = Arc::new(Bitmap {
+            width: 3,
+            height: 2,
+            texels: texels.into(),
+            wrap: WrapMode::Repeat,
+            filter: TextureFilter::Bilinear,
+        });
+        for (to_uv, expected) in [
+            (UvTransform::IDENTITY, Vec2::new(0.6, 0.6)),
+            (SKEW, Vec2::new(-0.2329, 0.3098)),
+        ] {
+            let slope = Texture::Bitmap(image.clone(), to_uv).gradient(&TexturePoint::of_uv(Vec2::new(0.4, 0.3)));
+            assert!((slope - expected).length() < 1e-5, "{slope}");
+        }
+    }
+
+
     #[test]
     fn absurd_coordinates_give_a_value() {
         for wrap in [WrapMode::Repeat, WrapMode::Mirror, WrapMode::Clamp] {
