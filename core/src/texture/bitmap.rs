@@ -278,7 +278,6 @@ mod tests {
         }
     }
 
-
     #[test]
     fn absurd_coordinates_give_a_value() {
         for wrap in [WrapMode::Repeat, WrapMode::Mirror, WrapMode::Clamp] {
