@@ -9,6 +9,15 @@ fn every_sampler_matches_its_density() {
     let tests = scattering().len() * outgoing().len();
     for (name, material) in scattering() {
         for wo in outgoing().into_iter().filter(|wo| sees(&material, *wo)) {
+            if (0..256).all(|path| draw(&material, wo, &mut random(path), TransportMode::Radiance).is_none()) {
+                // A tilted frame that is not mirrored turns away from some directions: it scatters nothing there.
+                let density = |wi: &Vec3| material.resolve(&AT, wo).pdf(wo, *wi);
+                assert!(
+                    outgoing().iter().all(|wi| density(wi) == 0.0 && density(&-*wi) == 0.0),
+                    "{name}, {wo}"
+                );
+                continue;
+            }
             assert_directions(
                 &format!("{name}, {wo}"),
                 tests,

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use photonfarm_core::integrator::{Bandwidth, bandwidth};
-use photonfarm_core::material::TransportMode;
+use photonfarm_core::material::{Tangents, TransportMode};
 use photonfarm_core::math::{Frame, Vec2, Vec3};
 use photonfarm_core::random::Sampling;
 use photonfarm_core::scene::Scene;
@@ -136,13 +136,14 @@ fn rough_mirror(scene: &Scene, theta: f64) -> f64 {
     let axis = Vec3::new(0.342, 0.0, 0.9397).normalize();
     let to_light = Vec3::new(-0.342, 0.0, 0.9397).normalize();
     let frame = Frame::from_normal(axis);
-    let at = TexturePoint {
-        uv: Vec2::ZERO,
-        position: Vec3::ZERO,
+    let at = TexturePoint::of_uv(Vec2::ZERO);
+    let tangents = || Tangents {
+        du: Vec3::X,
+        dv: Vec3::Y,
     };
     let radiance = |wo: Vec3| {
         let f = scene.materials[0]
-            .resolve(&at, wo)
+            .resolve_on(&at, wo, &tangents)
             .f(wo, to_light, TransportMode::Radiance);
         f64::from(f.luminance()) * f64::from(to_light.z)
     };
