@@ -235,3 +235,25 @@ fn unknown_textures_are_told_the_known_ones() {
     let message = fault(&ball("diffuse", "reflectance", "<texture type='marbel'/>"));
     assert!(message.contains("did you mean `marble`?"), "{message}");
 }
+
+/// Textures of one value are that value.
+#[test]
+fn even_textures_are_their_value() {
+    for (texture, expected) in [
+        (
+            "<texture type='uniform'><float name='value' value='0.25'/></texture>",
+            [0.25; 3],
+        ),
+        (
+            "<texture type='srgb'><rgb name='color' value='0.1, 0.2, 0.4'/></texture>",
+            [0.1, 0.2, 0.4],
+        ),
+        (
+            "<texture type='rawconstant'><vector name='value' value='0.5, 0.5, 2'/></texture>",
+            [0.5, 0.5, 1.0],
+        ),
+    ] {
+        let (found, warnings) = reflectance(texture);
+        assert_eq!((found.mean().to_rgb(), warnings), (expected, vec![]), "{texture}");
+    }
+}

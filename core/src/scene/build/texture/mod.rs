@@ -204,6 +204,8 @@ impl Builder<'_, '_> {
         let texture = match reader.object.plugin.as_str() {
             "bitmap" => self.bitmap(reader, role)?,
             "mesh_attribute" | "vertexcolors" => self.mesh_attribute(reader, role)?,
+            "uniform" | "rawconstant" => self.even(reader, "value", role)?,
+            "srgb" => self.even(reader, "color", role)?,
             "volume" | "wireframe" | "curvature" => {
                 let without = "this type does not exist yet: an even grey of 0.5 stands in for it";
                 reader.warn(reader.place(), without);
@@ -217,6 +219,19 @@ impl Builder<'_, '_> {
         };
         reader.finish();
         Ok(texture)
+    }
+
+    /// The same colour or number everywhere; a vector stands for one as well.
+    fn even(&mut self, reader: &Reader, name: &str, role: Role) -> Result<Texture, SceneError> {
+        if let Some(Value::Vector(_)) = reader.property(name).map(|property| &property.value)
+            && let Some(vector) = reader.vector(name)?
+        {
+            let channels = vector
+                .to_array()
+                .map(|channel| channel.clamp(0.0, f64::from(role.most())) as f32);
+            return Ok(Texture::Constant(Spectrum::from_rgb(channels)));
+        }
+        Ok(Texture::Constant(self.colour_or(reader, name, role, 0.5)?))
     }
 
     /// Two albedos of one surface; where they add up to more than 1, both are scaled, with a warning.

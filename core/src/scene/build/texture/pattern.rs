@@ -13,8 +13,12 @@ use glam::DMat4;
 use std::ops::RangeInclusive;
 
 /// The types of textures that are rendered.
-pub(super) const SUPPORTED: [&str; 11] = [
+pub(super) const SUPPORTED: [&str; 15] = [
     "bitmap",
+    "uniform",
+    "srgb",
+    "rawconstant",
+    "mesh_attribute",
     "checkerboard",
     "gridtexture",
     "scale",
