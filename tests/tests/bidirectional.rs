@@ -303,7 +303,8 @@ fn materials_made_of_others() {
     let scene = room(PINHOLE, LIGHTS[0].2, COMPOSED);
     let expected = scattered(&truth(&scene));
     for (method, settings) in [("bdpt", bdpt as fn(_, _) -> _), ("vcm", vcm)] {
-        let found = scattered(&observe(&scene, Sampling::Independent, OBSERVATIONS, &settings));
+        // Mirrors beside rough surfaces make it noisier than the other scenes.
+        let found = scattered(&observe(&scene, Sampling::Independent, 3 * OBSERVATIONS, &settings));
         check(&format!("composed, {method}"), &found, &expected, 0.15);
     }
 }
