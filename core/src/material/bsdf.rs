@@ -186,6 +186,18 @@ pub struct BsdfSample {
 }
 
 impl BsdfSample {
+    /// Of a lobe that is no delta function, by which the light stays on its side of any boundary or passes a sheet.
+    pub(super) fn scattered(wi: Vec3, f: Spectrum, pdf: f32) -> Self {
+        Self {
+            wi,
+            f,
+            pdf,
+            delta: false,
+            reversal: 1.0,
+            eta: 1.0,
+        }
+    }
+
     fn tinted(self, tint: Spectrum) -> Self {
         Self {
             f: self.f * tint,

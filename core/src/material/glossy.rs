@@ -122,14 +122,7 @@ impl GlossyLobe {
             (true, Shape::Ward { alpha, .. }) => ward::sample(alpha, wo, u.min(Vec2::splat(ONE_MINUS_EPSILON))),
         };
         let pdf = self.pdf(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample {
-            wi,
-            f: self.f(wo, wi),
-            pdf,
-            delta: false,
-            reversal: 1.0,
-            eta: 1.0,
-        })
+        (pdf > 0.0).then(|| BsdfSample::scattered(wi, self.f(wo, wi), pdf))
     }
 
     /// The roughness of microfacets with a highlight of about this width; infinite without one.

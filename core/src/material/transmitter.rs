@@ -54,13 +54,6 @@ impl TransmitterLobe {
         let same_side = lobe < self.share();
         let wi = Vec3::new(w.x, w.y, if same_side == (wo.z > 0.0) { w.z } else { -w.z });
         let pdf = self.pdf(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample {
-            wi,
-            f: self.f(wo, wi),
-            pdf,
-            delta: false,
-            reversal: 1.0,
-            eta: 1.0,
-        })
+        (pdf > 0.0).then(|| BsdfSample::scattered(wi, self.f(wo, wi), pdf))
     }
 }

@@ -165,14 +165,7 @@ impl ThinLobe {
         let side = if reflected { wo.z } else { -wo.z };
         let wi = Vec3::new(wi.x, wi.y, wi.z.copysign(side));
         let pdf = self.pdf(wo, wi);
-        (pdf > 0.0).then(|| BsdfSample {
-            wi,
-            f: self.f(wo, wi),
-            pdf,
-            delta: false,
-            reversal: 1.0,
-            eta: 1.0,
-        })
+        (pdf > 0.0).then(|| BsdfSample::scattered(wi, self.f(wo, wi), pdf))
     }
 
     /// The smallest roughness of its parts.

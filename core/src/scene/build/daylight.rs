@@ -268,12 +268,7 @@ impl Daylight {
             wrap: WrapMode::Repeat,
             filter: TextureFilter::Bilinear,
         };
-        let brightest = image
-            .texels
-            .iter()
-            .map(|texel| texel.max_component())
-            .fold(0.0, f32::max);
-        if f64::from(brightest) * scale > BRIGHTEST {
+        if f64::from(image.texels.brightest()) * scale > BRIGHTEST {
             return Err(reader.wrong("sky_scale", format!("the sky is brighter than {BRIGHTEST:e}")));
         }
         Ok(Light::Environment {
