@@ -298,14 +298,17 @@ const COMPOSED: &str = r#"
             <bsdf type="roughconductor"><string name="distribution" value="ggx"/><float name="alpha" value="0.25"/></bsdf></bsdf></shape>"#;
 
 #[test]
-fn materials_made_of_others() {
+fn materials_made_of_others_and_every_lobe() {
     let scattered = |moments: &Moments| moments.components(1..LONGEST as usize);
-    let scene = room(PINHOLE, LIGHTS[0].2, COMPOSED);
-    let expected = scattered(&truth(&scene));
-    for (method, settings) in [("bdpt", bdpt as fn(_, _) -> _), ("vcm", vcm)] {
-        // Mirrors beside rough surfaces make it noisier than the other scenes.
-        let found = scattered(&observe(&scene, Sampling::Independent, 3 * OBSERVATIONS, &settings));
-        check(&format!("composed, {method}"), &found, &expected, 0.15);
+    let composed = room(PINHOLE, LIGHTS[0].2, COMPOSED);
+    let lobes = scenes::named("lobes", 8).expect("the scene loads");
+    for (name, scene) in [("composed", composed), ("lobes", lobes)] {
+        let expected = scattered(&truth(&scene));
+        for (method, settings) in [("bdpt", bdpt as fn(_, _) -> _), ("vcm", vcm)] {
+            // Mirrors beside rough surfaces make the first noisier than the other scenes.
+            let found = scattered(&observe(&scene, Sampling::Independent, 3 * OBSERVATIONS, &settings));
+            check(&format!("{name}, {method}"), &found, &expected, 0.15);
+        }
     }
 }
 

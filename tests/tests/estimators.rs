@@ -209,6 +209,17 @@ fn coated_surfaces_agree_with_path_tracing() {
     }
 }
 
+/// Every lobe by itself: photons and cones are gathered on the rough ones, and paths go on from the glossy ones.
+#[test]
+fn every_lobe_agrees_with_path_tracing() {
+    const DEPTH: u32 = 6;
+    let scene = load("lobes");
+    let truth = short_reference(&scene, DEPTH, 48);
+    for settings in [pppm(0.01, DEPTH), pcf(0.04, 10.0, LookupVertex::Auto, DEPTH)] {
+        check_means(&settings, &measure(&scene, &settings, 2, 30), &truth, 0.06);
+    }
+}
+
 #[test]
 fn point_light_agrees_with_path_tracing() {
     check_all(

@@ -78,7 +78,14 @@ pub(super) struct Hierarchy {
     pub(super) bounds: (Vec3, Vec3),
     /// The largest absolute value of a coordinate of the bounds.
     pub(super) reach: f32,
+    /// The part of `reach` by which boxes of nodes are larger than what they hold.
+    margin: f32,
 }
+
+/// The margin for rays whose origins have single precision: a ray within the plane of a box's side must not miss the box.
+pub(super) const EXACT_ORIGINS: f32 = f32::EPSILON;
+/// The margin for lines whose origins are rounded to single precision for the tests of boxes.
+pub(super) const ROUNDED_ORIGINS: f32 = 2.0 * f32::EPSILON;
 
 /// A primitive that is not a triangle.
 #[derive(Clone, Debug)]
@@ -102,7 +109,9 @@ enum LeafKind {
 
 impl Hierarchy {
     /// Builds the hierarchy of `shapes`, whose primitives are numbered in order. Triangles without area are left out.
-    pub(super) fn build(shapes: &[Shape]) -> Self {
+    ///
+    /// `margin` is [`EXACT_ORIGINS`] or [`ROUNDED_ORIGINS`]. The smaller one is worth having: rays that leave a wall begin outside its box.
+    pub(super) fn build(shapes: &[Shape], margin: f32) -> Self {
         let leaves = collect_leaves(shapes);
         if leaves.is_empty() {
             return Self::default();
@@ -117,7 +126,10 @@ impl Hierarchy {
         let indices = (0..boxes.len() as u32).collect();
         let mut binary = PlocBuilder::new().build(PlocSearchDistance::Medium, &boxes, indices, SortPrecision::U64, 3);
         ReinsertionOptimizer::default().run(&mut binary, 0.1, None);
-        let mut hierarchy = Self::default();
+        let mut hierarchy = Self {
+            margin,
+            ..Self::default()
+        };
         Widening {
             sizes: leaf_sizes(&binary, &leaves),
             binary,
@@ -181,8 +193,7 @@ impl Hierarchy {
             _ => (Vec3::ZERO, Vec3::ZERO),
         };
         self.reach = self.bounds.0.abs().max(self.bounds.1.abs()).max_element();
-        // A ray within the plane of a box's side must not miss the box, nor one whose origin within the bounds is rounded.
-        let margin = Lanes::splat(self.reach * (2.0 * f32::EPSILON));
+        let margin = Lanes::splat(self.reach * self.margin);
         for [lower, upper] in self.nodes.iter_mut().flat_map(|node| &mut node.bounds) {
             *lower -= margin;
             *upper += margin;

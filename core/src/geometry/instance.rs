@@ -1,6 +1,6 @@
 //! Instances: groups of shapes that are kept once and stand in the scene at many places.
 
-use super::hierarchy::Hierarchy;
+use super::hierarchy::{Hierarchy, ROUNDED_ORIGINS};
 use super::surface::Interpolated;
 use super::traversal::Hit;
 use super::{Geometry, Line, Shape, ShapeId, SurfacePoint};
@@ -28,7 +28,7 @@ impl ShapeGroup {
         let nested = shapes.iter().any(|shape| matches!(shape, Shape::Instance { .. }));
         assert!(!nested, "a group of shapes holds no instances");
         Self {
-            geometry: Geometry::build(shapes),
+            geometry: Geometry::build_for(shapes, ROUNDED_ORIGINS),
             before: before.map_or(0, Self::shapes),
         }
     }

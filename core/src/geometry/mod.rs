@@ -17,7 +17,7 @@ mod traversal;
 mod triangle;
 
 use crate::math::{DVec3, Frame, Transform, Vec2, Vec3};
-use hierarchy::Hierarchy;
+use hierarchy::{EXACT_ORIGINS, Hierarchy};
 pub use instance::ShapeGroup;
 pub use sampling::{ShapeSampler, TowardsSample};
 use std::sync::Arc;
@@ -212,6 +212,11 @@ impl Geometry {
     /// If there are 2^29 primitives or more, or a mesh refers to a vertex that it does not have.
     #[must_use]
     pub fn build(shapes: Vec<Shape>) -> Self {
+        Self::build_for(shapes, EXACT_ORIGINS)
+    }
+
+    /// Builds a hierarchy with the given margin of its boxes.
+    fn build_for(shapes: Vec<Shape>, margin: f32) -> Self {
         let count: usize = shapes.iter().map(Shape::primitives).sum();
         assert!(count < 1 << 29, "{count} primitives: the limit is 2^29");
         let mut next = 0;
@@ -223,7 +228,7 @@ impl Geometry {
                 first
             })
             .collect();
-        let hierarchy = Hierarchy::build(&shapes);
+        let hierarchy = Hierarchy::build(&shapes, margin);
         Self {
             shapes,
             first_primitive,

@@ -9,6 +9,7 @@ use super::curved::Curved;
 use super::hierarchy::{Child, Hierarchy, Lanes, Node, Target, WIDTH};
 use super::triangle::{LANES, ShearedRay, TriangleHit};
 use crate::math::Vec3;
+use arrayvec::ArrayVec;
 
 /// A hit of some primitive.
 #[derive(Clone, Copy, Debug)]
@@ -90,8 +91,7 @@ impl SlabRay {
 
 /// Children still to be visited, nearest on top.
 struct Stack {
-    entries: [(f32, Child); STACK],
-    len: usize,
+    entries: ArrayVec<(f32, Child), STACK>,
     /// Entries above the first [`STACK`], for hierarchies of unusual depth.
     overflow: Vec<(f32, Child)>,
 }
@@ -99,19 +99,15 @@ struct Stack {
 impl Stack {
     fn new() -> Self {
         Self {
-            entries: [(0.0, Child::ROOT); STACK],
-            len: 0,
+            entries: ArrayVec::new(),
             overflow: Vec::new(),
         }
     }
 
     #[inline]
     fn push(&mut self, entry: (f32, Child)) {
-        if let Some(slot) = self.entries.get_mut(self.len) {
-            *slot = entry;
-            self.len += 1;
-        } else {
-            self.overflow.push(entry);
+        if let Err(full) = self.entries.try_push(entry) {
+            self.overflow.push(full.element());
         }
     }
 
@@ -123,9 +119,7 @@ impl Stack {
                 return Some(entry.1);
             }
         }
-        while self.len > 0 {
-            self.len -= 1;
-            let entry = self.entries[self.len];
+        while let Some(entry) = self.entries.pop() {
             if entry.0 <= limit {
                 return Some(entry.1);
             }
@@ -192,6 +186,9 @@ fn box_limit(t: f64) -> f32 {
 
 impl Hierarchy {
     /// The nearest hit before the distance `end`; of equally near ones that of the lowest primitive index.
+    ///
+    /// It is inlined, as is [`Hierarchy::any`]: for a ray of the scene no coordinate is then rounded to single precision again.
+    #[inline(always)]
     pub(super) fn nearest(&self, line: &Line, end: f64) -> Option<Hit> {
         let mut best = Hit {
             t: end,
@@ -209,6 +206,7 @@ impl Hierarchy {
     }
 
     /// Whether there is any hit before the distance `end`.
+    #[inline(always)]
     pub(super) fn any(&self, line: &Line, end: f64) -> bool {
         let mut found = false;
         self.walk(line, end, Search::Any, |hit| {

@@ -23,7 +23,7 @@ enum Found {
 
 /// A camera path and the radiance that it has found so far.
 ///
-/// An integrator asks for one vertex after the other, adds direct light there or what else it knows of, and goes on.
+/// An integrator asks for one edge and its vertex after the other, adds direct light there or what else it knows of, and goes on.
 pub(super) struct CameraPath<'t, 'a> {
     tracer: &'t mut Tracer<'a>,
     random: &'t mut PathRandom,
@@ -50,11 +50,10 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         }
     }
 
-    /// Traces the next edge, adds the light that it finds, and gives the vertex where it ends; `None` where it leaves the scene.
+    /// The vertex at the end of the edge that was traced last.
     #[inline(always)]
-    pub(super) fn next_vertex(&mut self) -> Option<Vertex> {
-        let point = self.trace_edge()?;
-        Some(self.walk.arrive(self.tracer.scene, point))
+    pub(super) fn arrive(&mut self, point: SurfacePoint) -> Vertex {
+        self.walk.arrive(self.tracer.scene, point)
     }
 
     /// Traces the last edge and adds the light that it finds.
@@ -63,8 +62,9 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         self.radiance
     }
 
+    /// Traces the next edge, adds the light that it finds, and gives the point where it ends; `None` where it leaves the scene.
     #[inline(always)]
-    fn trace_edge(&mut self) -> Option<SurfacePoint> {
+    pub(super) fn trace_edge(&mut self) -> Option<SurfacePoint> {
         let hit = self.walk.advance(self.tracer);
         let emission = self
             .found

@@ -83,8 +83,17 @@ impl From<Pattern> for Texture {
 
 impl Texture {
     /// The value at a point.
+    #[inline]
     #[must_use]
     pub fn eval(&self, at: &TexturePoint) -> Spectrum {
+        match self {
+            Self::Constant(value) => *value,
+            varying => varying.look_up(at),
+        }
+    }
+
+    /// [`Self::eval`] of what is no constant.
+    fn look_up(&self, at: &TexturePoint) -> Spectrum {
         match self {
             Self::Constant(value) => *value,
             Self::Bitmap(bitmap, to_uv) => bitmap.eval(to_uv.apply(at.uv)),

@@ -12,7 +12,8 @@ pub(super) fn render(job: &Job, settings: &PathSettings, observer: &dyn Observer
     let mut counts = Counts::default();
     let pixels = render_pixels(job, settings.samples, observer, &mut counts, |sample| {
         let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
-        while let Some(vertex) = path.next_vertex() {
+        while let Some(point) = path.trace_edge() {
+            let vertex = path.arrive(point);
             path.add_next_event(&vertex);
             if path.go_on(&vertex).is_none() {
                 break;

@@ -41,7 +41,8 @@ impl Queries {
         let first = pixels.start;
         let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
             let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
-            while let Some(vertex) = path.next_vertex() {
+            while let Some(point) = path.trace_edge() {
+                let vertex = path.arrive(point);
                 let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
                 let asks = at_lookup || settings.nested;
                 if asks {

@@ -141,19 +141,21 @@ fn trace_queries(
     trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
         let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
         loop {
-            let Some(vertex) = path.next_vertex() else {
+            let Some(point) = path.trace_edge() else {
                 break path.radiance;
             };
+            let vertex = path.arrive(point);
             let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
+            path.add_next_event(&vertex);
+            let scattered = path.go_on(&vertex);
             if rough {
                 queries.push(Query {
-                    vertex: vertex.clone(),
-                    pixel: sample.pixel as u32,
                     limit: count_edges(max_edges - vertex.edges),
+                    vertex,
+                    pixel: sample.pixel as u32,
                 });
             }
-            path.add_next_event(&vertex);
-            match path.go_on(&vertex) {
+            match scattered {
                 None => break path.radiance,
                 // What the rough lobe's directions find is direct light at this vertex; the photons are all other light.
                 Some(scattered) if rough && !scattered.bsdf.delta => break path.end_with_edge(),
