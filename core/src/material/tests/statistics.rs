@@ -18,17 +18,17 @@ fn every_sampler_matches_its_density() {
                 );
                 continue;
             }
+            let bsdf = material.resolve(&AT, wo);
             assert_directions(
                 &format!("{name}, {wo}"),
                 tests,
                 |random| {
                     // Also samples that carry nothing: the density counts them.
                     let lobe = random.next_1d();
-                    let bsdf = material.resolve(&AT, wo);
                     let sample = bsdf.draw(wo, lobe, random.next_2d(), TransportMode::Radiance)?;
                     (!sample.delta).then_some(sample.wi)
                 },
-                |wi| material.resolve(&AT, wo).pdf(wo, wi),
+                |wi| bsdf.pdf(wo, wi),
             );
         }
     }
