@@ -96,6 +96,7 @@ impl Scene {
             wishes: self.wishes.clone(),
             warnings: self.warnings.clone(),
             motion: None,
+            tiles: self.tiles.clone(),
             small_lamp: self.small_lamp.clone(),
         }
     }

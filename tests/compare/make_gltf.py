@@ -8,6 +8,7 @@ Blender comes from PyPI (requirements-blender.txt, Python 3.11). What is rendere
 same file; the world is black, as glTF has none. `compare` fails where the means of a channel differ by more than 3 %.
 """
 
+import json
 import math
 import pathlib
 import struct
@@ -18,6 +19,7 @@ import zlib
 
 import bpy
 import mathutils
+import meshoptimizer
 import numpy
 
 WIDTH, HEIGHT, SAMPLES = 96, 72, 256
@@ -371,6 +373,49 @@ def export(folder):
         animation = {"export_animation_mode": "SCENE", "export_anim_scene_split_object": False}
         bpy.ops.export_scene.gltf(filepath=str(path), export_cameras=True, export_lights=True, **animation)
         print(f"{path} {path.stat().st_size} bytes")
+    packed(folder)
+
+
+def packed(folder):
+    """One ball as it is, compressed by Draco as Blender exports it, and by meshoptimizer as gltfpack writes it."""
+    reset()
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=16, ring_count=8)
+    give(material("Clay", (0.7, 0.5, 0.4)), smooth())
+    camera()
+    light("POINT", 500)
+    plain = folder / "packed.glb"
+    for path, draco in ((plain, False), (folder / "packed-draco.glb", True)):
+        bpy.ops.export_scene.gltf(
+            filepath=str(path), export_cameras=True, export_lights=True, export_draco_mesh_compression_enable=draco
+        )
+    data = plain.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    document, binary = json.loads(data[20 : 20 + size]), data[28 + size :]
+    content = b""
+    for view in document["bufferViews"]:
+        accessor = next(a for a in document["accessors"] if document["bufferViews"][a["bufferView"]] is view)
+        begin = view.get("byteOffset", 0)
+        plain_bytes = binary[begin : begin + view["byteLength"]]
+        if accessor["type"] == "SCALAR":
+            indices = numpy.frombuffer(plain_bytes, numpy.uint16).astype(numpy.uint32)
+            compressed, stride, mode = meshoptimizer.encode_index_buffer(indices), 2, "TRIANGLES"
+        else:
+            width = {"VEC2": 2, "VEC3": 3}[accessor["type"]]
+            values = numpy.frombuffer(plain_bytes, numpy.float32).reshape(-1, width)
+            compressed, stride, mode = meshoptimizer.encode_vertex_buffer(values), 4 * width, "ATTRIBUTES"
+        compressed = bytes(compressed)
+        extension = {"buffer": 0, "byteOffset": len(content), "byteLength": len(compressed)}
+        extension |= {"byteStride": stride, "count": accessor["count"], "mode": mode}
+        view["buffer"], view["extensions"] = 1, {"EXT_meshopt_compression": extension}
+        content += compressed + bytes(-len(compressed) % 4)
+    fallback = {"byteLength": len(binary), "extensions": {"EXT_meshopt_compression": {"fallback": True}}}
+    document["buffers"] = [{"byteLength": len(content)}, fallback]
+    for field in ("extensionsUsed", "extensionsRequired"):
+        document[field] = document.get(field, []) + ["EXT_meshopt_compression"]
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(content), 0x004E4942) + content
+    (folder / "packed-meshopt.glb").write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
 
 
 def render(folder, out, names):

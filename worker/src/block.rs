@@ -146,7 +146,7 @@ impl From<RenderError> for LeafError {
         match error {
             RenderError::Cancelled => Self::Cancelled,
             RenderError::Setting(_) => Self::Failed(FailureKind::Scene, error.to_string()),
-            RenderError::BadPixel { .. } | RenderError::Statistics { .. } => {
+            RenderError::BadPixel { .. } | RenderError::Statistics { .. } | RenderError::Textures { .. } => {
                 Self::Failed(FailureKind::Render, error.to_string())
             }
         }

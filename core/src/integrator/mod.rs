@@ -183,6 +183,16 @@ pub enum RenderError {
         /// In words.
         reason: String,
     },
+    /// Textures that lie in a temporary file could not be read.
+    #[error(
+        "iteration {iteration}: a texture could not be read from the temporary file that it was written to: {reason}"
+    )]
+    Textures {
+        /// Iteration index.
+        iteration: u32,
+        /// What the system says.
+        reason: String,
+    },
     /// An estimate that is not finite or is negative: a defect of the renderer, never averaged in.
     #[error("iteration {iteration}: pixel ({x}, {y}) is not a finite, non-negative radiance")]
     BadPixel {
@@ -315,6 +325,9 @@ pub fn render_next(
     };
     let mut result = settings.estimator().render(&job, before, observer)?;
     observer.phase(Phase::Done);
+    if let Some(reason) = scene.tiles.as_ref().and_then(|tiles| tiles.take_failure()) {
+        return Err(RenderError::Textures { iteration, reason });
+    }
     let response = scene.sensor.response();
     if response != 1.0 {
         result.pixels.iter_mut().for_each(|pixel| *pixel *= response);

@@ -29,8 +29,12 @@ pub struct Limits {
     pub vertices: u64,
     /// Bytes of mesh files, each reading counted.
     pub mesh_bytes: u64,
+    /// Texels of one image.
+    pub image_texels: u64,
     /// Texels of all images together.
     pub texels: u64,
+    /// Bytes of textures in memory. Those that would go beyond lie in a temporary file, from which parts are read when they are looked up.
+    pub texture_bytes: u64,
     /// Pixels of the film.
     pub pixels: u64,
 }
@@ -51,7 +55,9 @@ impl Default for Limits {
             triangles: 20_000_000,
             vertices: 40_000_000,
             mesh_bytes: 8 << 30,
-            texels: 1 << 28,
+            image_texels: 1 << 28,
+            texels: 1 << 32,
+            texture_bytes: 1 << 30,
             pixels: 1 << 26,
         }
     }

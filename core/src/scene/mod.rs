@@ -44,6 +44,7 @@ use crate::material::Material;
 use crate::motion::Motion;
 use crate::sensor::Sensor;
 use crate::settings::IntegratorSettings;
+use crate::texture::TileFile;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -77,6 +78,8 @@ pub struct Scene {
     pub warnings: Vec<SceneWarning>,
     /// What moves while the shutter is open; `None` where nothing does.
     pub(crate) motion: Option<Motion>,
+    /// Where textures lie that memory does not hold.
+    pub(crate) tiles: Option<Arc<TileFile>>,
     /// The place of the first light that a random direction hardly ever finds.
     pub(crate) small_lamp: Option<Place>,
 }

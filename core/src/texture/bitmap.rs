@@ -1,5 +1,6 @@
 //! Images as textures.
 
+use super::tiles::Tiles;
 use crate::math::Vec2;
 use crate::spectrum::Spectrum;
 
@@ -29,6 +30,8 @@ pub enum Texels {
     ColourBytes(Vec<[u8; 3]>, Box<[f32; 256]>),
     /// A byte each, with the number that it stands for in every channel.
     GreyBytes(Vec<u8>, Box<[f32; 256]>),
+    /// In a temporary file.
+    Tiled(Tiles),
 }
 
 impl From<Vec<Spectrum>> for Texels {
@@ -46,7 +49,21 @@ impl Texels {
             Self::Greys(texels) => texels.len(),
             Self::ColourBytes(texels, _) => texels.len(),
             Self::GreyBytes(texels, _) => texels.len(),
+            Self::Tiled(tiles) => tiles.len(),
         }
+    }
+
+    /// Bytes of memory that they take.
+    #[must_use]
+    pub fn memory(&self) -> u64 {
+        let each = match self {
+            Self::Colours(_) => size_of::<Spectrum>(),
+            Self::Greys(_) => size_of::<f32>(),
+            Self::ColourBytes(..) => 3,
+            Self::GreyBytes(..) => 1,
+            Self::Tiled(_) => 0,
+        };
+        self.len() as u64 * each as u64
     }
 
     /// Whether there are none.
@@ -66,6 +83,7 @@ impl Texels {
                 Spectrum::from_rgb(texels[index].map(|byte| values[usize::from(byte)]))
             }
             Self::GreyBytes(texels, values) => Spectrum::splat(values[usize::from(texels[index])]),
+            Self::Tiled(tiles) => tiles.get(index),
         }
     }
 
@@ -88,6 +106,7 @@ impl Texels {
             Self::Greys(texels) => Self::Greys(texels.into_iter().map(f).collect()),
             Self::ColourBytes(texels, values) => Self::ColourBytes(texels, Box::new(values.map(f))),
             Self::GreyBytes(texels, values) => Self::GreyBytes(texels, Box::new(values.map(f))),
+            Self::Tiled(_) => Self::Colours(self.iter().map(|texel| texel.map(&mut f)).collect()),
         }
     }
 }

@@ -8,12 +8,14 @@ mod bitmap;
 mod mapping;
 mod noise;
 mod pattern;
+mod tiles;
 
 pub use attribute::AttributeTexture;
 pub use bitmap::{Bitmap, Texels, TextureFilter, WrapMode};
 pub use mapping::{Mapping, UvTransform};
 pub use noise::{Noise, Octaves};
 pub use pattern::Pattern;
+pub use tiles::{TileFile, Tiles};
 
 use crate::geometry::SurfacePoint;
 use crate::math::{Vec2, Vec3};

@@ -51,9 +51,8 @@ impl Builder<'_, '_> {
         reader.property("filename");
         reader.finish();
         let file = self.file(reader)?;
-        let left = self.loader.limits.texels.saturating_sub(self.texels);
-        let image =
-            image::read(&file, &Reading::COLOURS, left).map_err(|found| self.description.faults.all_but_last(found))?;
+        let image = image::read(&file, &Reading::COLOURS, self.texels_left())
+            .map_err(|found| self.description.faults.all_but_last(found))?;
         self.texels += image.texels.len() as u64;
         let (width, height) = (image.width, image.height);
         if width < 2 || height < 2 {

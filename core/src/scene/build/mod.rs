@@ -27,7 +27,7 @@ use crate::material::Material;
 use crate::math::{AnimatedTransform, Transform};
 use crate::motion::Motion;
 use crate::spectrum::Spectrum;
-use crate::texture::Bitmap;
+use crate::texture::{Bitmap, TileFile};
 use attributes::MeshAttributes;
 use instance::BuiltGroup;
 use sensor::View;
@@ -134,6 +134,10 @@ struct Builder<'b, 'f> {
     bitmaps: BTreeMap<texture::BitmapKey, Arc<Bitmap>>,
     meshes: MeshTotals,
     texels: u64,
+    /// Bytes of textures in memory.
+    texture_bytes: u64,
+    /// Where the other textures lie.
+    tiles: Option<Arc<TileFile>>,
     /// Whether the camera does not see lights.
     hide_emitters: bool,
     /// Area lights that a shape uses.
@@ -164,6 +168,8 @@ impl<'b, 'f> Builder<'b, 'f> {
             bitmaps: BTreeMap::new(),
             meshes: MeshTotals::default(),
             texels: 0,
+            texture_bytes: 0,
+            tiles: None,
             hide_emitters: false,
             used_area_lights: BTreeSet::new(),
         }
@@ -288,6 +294,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             warnings: self.description.warnings.take(),
             motion: (!self.motion.is_empty()).then_some(self.motion),
             small_lamp,
+            tiles: self.tiles,
         })
     }
 }

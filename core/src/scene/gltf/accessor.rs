@@ -16,7 +16,7 @@ pub(super) struct Accessors<'a> {
 
 /// Component types, as in OpenGL.
 #[derive(Clone, Copy, PartialEq)]
-enum Component {
+pub(super) enum Component {
     I8,
     U8,
     I16,
@@ -38,7 +38,19 @@ impl Component {
         })
     }
 
-    fn bytes(self) -> usize {
+    /// As [`Self::of`] takes it.
+    pub(super) fn number(self) -> u32 {
+        match self {
+            Self::I8 => 5120,
+            Self::U8 => 5121,
+            Self::I16 => 5122,
+            Self::U16 => 5123,
+            Self::U32 => 5125,
+            Self::F32 => 5126,
+        }
+    }
+
+    pub(super) fn bytes(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -66,7 +78,7 @@ impl Component {
 }
 
 /// Components of an element.
-fn width(kind: &str) -> Option<usize> {
+pub(super) fn width(kind: &str) -> Option<usize> {
     Some(match kind {
         "SCALAR" => 1,
         "VEC2" => 2,
@@ -148,8 +160,6 @@ impl<'a> Accessors<'a> {
             )
         })?;
         let field = format!("bufferViews[{index}]");
-        let compressed = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-        let compression = compressed.iter().find(|name| view.extensions.contains_key(**name));
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| {
             let reason = format!(
                 "there is no buffer {}; the file has {}",
@@ -159,15 +169,8 @@ impl<'a> Accessors<'a> {
             self.wrong(format!("{field}.buffer"), reason)
         })?;
         let Some(buffer) = buffer else {
-            return Err(match compression {
-                Some(name) => {
-                    self.unsupported(field, name, "export without compression, or by `gltfpack` without `-c`")
-                }
-                None => {
-                    let reason = format!("buffer {} has no content: no URI and no chunk of a GLB", view.buffer);
-                    self.wrong(format!("{field}.buffer"), reason)
-                }
-            });
+            let reason = format!("buffer {} has no content: no URI and no chunk of a GLB", view.buffer);
+            return Err(self.wrong(format!("{field}.buffer"), reason));
         };
         let begin = usize::try_from(view.byte_offset).ok();
         let range = begin.and_then(|begin| {

@@ -75,7 +75,6 @@ impl<'a> Geometry<'a> {
             self.told.warn(format!("{name}: it has no `POSITION` and is left out"));
             return Ok(None);
         };
-        self.refuse_draco(primitive, positions, &field)?;
         let count = self.accessors.count(positions, &field)?;
         self.vertices = self.vertices.saturating_add(count);
         let place = self.told.place();
@@ -153,22 +152,6 @@ impl<'a> Geometry<'a> {
             return Err(self.accessors.wrong(field, reason));
         }
         self.accessors.vectors(accessor, &field)
-    }
-
-    /// Compressed data can be read only where the file has it uncompressed as well.
-    fn refuse_draco(&self, primitive: &Primitive, positions: usize, field: &str) -> Result<(), SceneError> {
-        let draco = "KHR_draco_mesh_compression";
-        let plain = self
-            .document
-            .accessors
-            .get(positions)
-            .is_some_and(|accessor| accessor.buffer_view.is_some());
-        if plain || !primitive.extensions.contains_key(draco) {
-            return Ok(());
-        }
-        let instead =
-            "export without it: in Blender, leave `Compression` unticked (export_draco_mesh_compression_enable=False)";
-        Err(self.accessors.unsupported(field.to_owned(), draco, instead))
     }
 
     /// Corners of triangles; lists, strips and fans (section 3.7.2.1 of the specification).

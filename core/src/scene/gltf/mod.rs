@@ -2,7 +2,7 @@
 //!
 //! Section numbers are those of the Khronos specification of glTF 2.0.
 //!
-//! `container` finds the JSON and the buffers, `document` is that JSON, `accessor` reads numbers out of the buffers; `tree` places nodes, moved by
+//! `container` finds the JSON and the buffers, `document` is that JSON, `packed` unpacks what is compressed, `accessor` reads numbers out of the buffers; `tree` places nodes, moved by
 //! `animation`; `geometry`, `material` with `texture`, and `camera` make what stands at a node.
 
 mod accessor;
@@ -12,6 +12,7 @@ mod container;
 mod document;
 mod geometry;
 mod material;
+mod packed;
 mod sheet;
 #[cfg(test)]
 mod tests;
@@ -37,10 +38,12 @@ use tree::{Timing, Tree, node_name};
 use warnings::Told;
 
 /// Extensions that are rendered, approximated or warned about where they are used.
-const KNOWN: [&str; 22] = [
+const KNOWN: [&str; 25] = [
     "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_animation_pointer",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
@@ -58,15 +61,9 @@ const KNOWN: [&str; 22] = [
     "KHR_materials_volume",
     "KHR_materials_volume_scatter",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_texture_basisu",
     "KHR_texture_transform",
-];
-
-/// Extensions that compress meshes, which are refused where no mesh without compression stands beside them.
-const COMPRESSED: [&str; 3] = [
-    "EXT_meshopt_compression",
-    "KHR_draco_mesh_compression",
-    "KHR_meshopt_compression",
 ];
 
 /// What a user may define, in place of what glTF does not say.
@@ -86,11 +83,12 @@ pub(crate) fn read(
     let place = Place::whole(&file.name);
     let (timing, width) = definitions(defines, &place)?;
     let chunks = container::chunks(&file.bytes, &place)?;
-    let document = container::document(&chunks, &place, loader.limits)?;
+    let mut document = container::document(&chunks, &place, loader.limits)?;
     let told = Told::new(&place, warnings);
     check_required(&document, &told);
     let limits = loader.limits;
-    let buffers = container::buffers(&document, chunks.binary, loader, file, &place)?;
+    let mut buffers = container::buffers(&document, chunks.binary, loader, file, &place)?;
+    packed::unpack(&mut document, &mut buffers, &place, limits)?;
     let accessors = Accessors::new(&document, buffers, &place, limits);
     let animations = Animations::read(&document, &accessors, limits, &told)?;
     let tree = Tree::new(&document, &animations, &timing, &place)?;
@@ -158,7 +156,7 @@ fn definitions(defines: &BTreeMap<String, String>, place: &Place) -> Result<(Tim
 fn check_required(document: &Document, told: &Told) {
     for extension in &document.extensions_required {
         let name = extension.as_str();
-        if !KNOWN.contains(&name) && !COMPRESSED.contains(&name) {
+        if !KNOWN.contains(&name) {
             let name = shortened(name);
             told.warn(format!(
                 "extensionsRequired: {name} is not known here: the picture lacks what it says"

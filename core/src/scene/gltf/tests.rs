@@ -360,39 +360,94 @@ fn broken_files_are_refused_with_the_place_in_the_json() {
     }
 }
 
+/// A ball as Blender exports it, and the same compressed: Draco rounds places to 14 bits and normals to 10, and reorders vertices.
 #[test]
-fn compressed_meshes_are_refused_with_the_way_to_export_without() {
-    let draco = [
+fn compressed_meshes_are_those_that_were_compressed() {
+    let [plain, meshopt, draco] = ["packed", "packed-meshopt", "packed-draco"].map(|name| {
+        let described = of_blender(name, &[]);
+        assert_eq!(described.warnings, [""; 0]);
+        described.mesh(0)
+    });
+    assert_eq!(meshopt.positions, plain.positions);
+    assert_eq!(meshopt.normals, plain.normals);
+    assert_eq!(meshopt.uvs, plain.uvs);
+    assert_eq!(meshopt.triangles.len(), plain.triangles.len());
+    // The corners of a triangle may be turned round.
+    for (a, b) in meshopt.triangles.iter().zip(&plain.triangles) {
+        assert!(
+            (0..3).any(|turn| [0, 1, 2].map(|i| a[(i + turn) % 3]) == *b),
+            "{a:?} {b:?}"
+        );
+    }
+    assert_eq!(draco.triangles.len(), plain.triangles.len());
+    assert_eq!(draco.positions.len(), plain.positions.len());
+    for (i, position) in draco.positions.iter().enumerate() {
+        let same = |j: &usize| {
+            (plain.positions[*j] - *position).length() < 3e-4
+                && (plain.normals[*j] - draco.normals[i]).length() < 5e-3
+                && (plain.uvs[*j] - draco.uvs[i]).length() < 1e-3
+        };
+        assert!((0..plain.positions.len()).any(|j| same(&j)), "vertex {i}");
+    }
+    let area = |mesh: &RawMesh| {
+        let areas = mesh.triangles.iter().map(|corners| {
+            let [a, b, c] = corners.map(|corner| mesh.positions[corner as usize]);
+            0.5 * (b - a).cross(c - a).length()
+        });
+        areas.sum::<f32>()
+    };
+    assert!((area(&draco) / area(&plain) - 1.0).abs() < 1e-3);
+}
+
+/// Whatever is cut off or changed in compressed data, the file is read or refused, and what it is refused for is said.
+#[test]
+fn broken_compressed_meshes_are_refused() {
+    for name in ["packed-draco", "packed-meshopt"] {
+        let (files, main) = blender(name);
+        let whole = &files[&main];
+        let json = u32::from_le_bytes([whole[12], whole[13], whole[14], whole[15]]) as usize;
+        let mut refused = 0;
+        for at in (28 + json..whole.len()).step_by(7) {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 0x5a;
+            let files = BTreeMap::from([(main.clone(), bytes)]);
+            if let Err(error) = Described::of(&files, &main, &[]) {
+                assert!(error.to_string().starts_with(&main), "{error}");
+                refused += 1;
+            }
+        }
+        assert!(refused > 10, "{name}: {refused}");
+    }
+    let (files, main) = blender("packed-meshopt");
+    let changed = |from: &str, to: &str| {
+        let text = files[&main].clone();
+        let at = text.windows(from.len()).position(|part| part == from.as_bytes());
+        let at = at.unwrap_or_else(|| panic!("{from}"));
+        let mut bytes = text;
+        bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
+        let files = BTreeMap::from([(main.clone(), bytes)]);
+        Described::of(&files, &main, &[]).err().map(|error| error.to_string())
+    };
+    for (from, to, told) in [
         (
-            r#"{"bufferView": 0, "componentType": 5126"#,
-            r#"{"componentType": 5126"#,
+            "ATTRIBUTES",
+            "attributes",
+            "there is no mode `attributes`; allowed: ATTRIBUTES, TRIANGLES, INDICES",
         ),
         (
-            r#""indices": 1"#,
-            r#""extensions": {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}"#,
+            "\"byteStride\":12",
+            "\"byteStride\":13",
+            "bufferViews[0].EXT_meshopt_compression: its data cannot be unpacked",
         ),
         (
-            r#""scene": 0"#,
-            r#""extensionsRequired": ["KHR_draco_mesh_compression"], "scene": 0"#,
+            "\"mode\":\"TRIANGLES\"",
+            "\"node\":\"TRIANGLES\"",
+            "missing field `mode`",
         ),
-    ];
-    let error = described(&draco).err().unwrap().to_string();
-    assert!(
-        error.contains("meshes[0].primitives[0]: KHR_draco_mesh_compression is not supported; export without"),
-        "{error}"
-    );
-    let meshopt = [
-        (
-            r#"{"buffer": 0, "byteLength": 60}"#,
-            r#"{"buffer": 0, "byteLength": 60, "extensions": {"EXT_meshopt_compression": {}}}"#,
-        ),
-        (r#", "uri": "URI""#, ""),
-    ];
-    let error = described(&meshopt).err().unwrap().to_string();
-    assert!(
-        error.contains("bufferViews[0]: EXT_meshopt_compression is not supported; export"),
-        "{error}"
-    );
+    ] {
+        let error = changed(from, to).unwrap_or_else(|| panic!("{to} is taken"));
+        assert!(error.contains(told), "{error}\n{told}");
+    }
 }
 
 #[test]

@@ -99,7 +99,7 @@ impl Textures<'_> {
     ) -> Result<ObjectId, SceneError> {
         let file = self.file(info, loader, written)?;
         let changed = change
-            .of(&file, loader.limits.texels)
+            .of(&file, loader.limits.image_texels)
             .map_err(|reason| SceneError::value(self.told.place(), written, reason))?;
         let object = self.bitmap(draft, info, changed, written)?;
         draft.set(object, "raw", Value::Boolean(true));

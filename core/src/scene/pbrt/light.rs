@@ -149,7 +149,7 @@ impl Reading<'_, '_> {
             Ok(opened) => opened,
             Err(fault) => return self.faults.note(fault),
         };
-        let texels = self.loader.limits.texels;
+        let texels = self.loader.limits.image_texels;
         let decoded = match image::read(&opened, &linear_image::Reading::COLOURS, texels) {
             Ok(decoded) => decoded,
             Err(found) => {

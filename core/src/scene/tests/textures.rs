@@ -4,10 +4,14 @@ use super::{BTreeMap, LIGHT, Limits, Scene, warnings};
 use crate::material::Material;
 use crate::math::{Vec2, Vec3};
 use crate::scene::SceneFaults;
-use crate::texture::{Texture, TexturePoint};
+use crate::texture::{Texels, Texture, TexturePoint};
 
 /// A scene with an image of two texels with alpha: `a.png`, red of alpha 0.2 and grey (0.4) of alpha 1.
 fn load(body: &str) -> Result<Scene, SceneFaults> {
+    load_within(body, &Limits::default())
+}
+
+fn load_within(body: &str, limits: &Limits) -> Result<Scene, SceneFaults> {
     let mut png = std::io::Cursor::new(Vec::new());
     let mut image = image::RgbaImage::from_pixel(2, 1, image::Rgba([102, 102, 102, 255]));
     image.put_pixel(0, 0, image::Rgba([255, 0, 0, 51]));
@@ -17,7 +21,7 @@ fn load(body: &str) -> Result<Scene, SceneFaults> {
         ("main.xml".to_owned(), text.into_bytes()),
         ("a.png".to_owned(), png.into_inner()),
     ]);
-    Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default())
+    Scene::load(&files, "main.xml", &BTreeMap::new(), limits)
 }
 
 /// A ball with the texture as `name` of its BSDF.
@@ -256,4 +260,30 @@ fn even_textures_are_their_value() {
         let (found, warnings) = reflectance(texture);
         assert_eq!((found.mean().to_rgb(), warnings), (expected, vec![]), "{texture}");
     }
+}
+
+/// Textures that memory may not hold lie in a file, and look the same.
+#[test]
+fn textures_beyond_their_memory_are_read_from_a_file() {
+    let ball = ball("diffuse", "reflectance", &image(""));
+    let limits = Limits {
+        texture_bytes: 5,
+        ..Limits::default()
+    };
+    let scenes = [Limits::default(), limits].map(|limits| load_within(&ball, &limits).unwrap());
+    let [whole, tiled] = scenes.each_ref().map(|scene| {
+        let Material::Diffuse { reflectance } = &scene.materials[scene.bindings[0].material as usize] else {
+            panic!("{:?}", scene.materials)
+        };
+        let Texture::Bitmap(bitmap, _) = reflectance else {
+            panic!("{reflectance:?}")
+        };
+        bitmap.clone()
+    });
+    assert!(matches!(tiled.texels, Texels::Tiled(_)) && !matches!(whole.texels, Texels::Tiled(_)));
+    assert!(whole.texels.memory() == 6 && tiled.texels.memory() == 0);
+    for u in [0.1, 0.3, 0.5, 0.8, 1.2] {
+        assert_eq!(tiled.eval(Vec2::new(u, 0.5)), whole.eval(Vec2::new(u, 0.5)));
+    }
+    assert!(scenes[0].tiles.is_none() && scenes[1].tiles.as_ref().unwrap().take_failure().is_none());
 }

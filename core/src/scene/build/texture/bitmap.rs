@@ -8,8 +8,11 @@ use crate::scene::image;
 use crate::scene::linear_image::{Channel, Encoding, Reading};
 use crate::scene::reader::{ANY, Reader};
 use crate::scene::spectrum::{BRIGHTEST, LARGEST_CONSTANT, Use};
-use crate::texture::{Bitmap, Texture, TextureFilter, WrapMode};
+use crate::texture::{Bitmap, Texels, Texture, TextureFilter, TileFile, WrapMode};
 use std::sync::Arc;
+
+/// Bytes of textures in a file that memory keeps, beside [`crate::scene::Limits::texture_bytes`].
+const TILE_CACHE_BYTES: usize = 256 << 20;
 
 /// The name of an image, and how it is read in words; images that agree in both are kept once.
 pub(in crate::scene::build) type BitmapKey = (String, String);
@@ -96,8 +99,7 @@ impl Builder<'_, '_> {
         if let Some(bitmap) = self.bitmaps.get(&key) {
             return Ok(bitmap.clone());
         }
-        let left = self.loader.limits.texels.saturating_sub(self.texels);
-        let image = image::read(&file, reading, left);
+        let image = image::read(&file, reading, self.texels_left());
         let image = image.map_err(|found| self.description.faults.all_but_last(found))?;
         self.texels += image.texels.len() as u64;
         let (width, height, mut texels) = (image.width, image.height, image.texels);
@@ -110,12 +112,40 @@ impl Builder<'_, '_> {
         let bitmap = Arc::new(Bitmap {
             width,
             height,
-            texels,
+            texels: self.placed(reader, width, texels)?,
             wrap,
             filter,
         });
         self.bitmaps.insert(key, bitmap.clone());
         Ok(bitmap)
+    }
+
+    /// Most texels that another image may have.
+    pub(in crate::scene::build) fn texels_left(&self) -> u64 {
+        let limits = self.loader.limits;
+        limits.texels.saturating_sub(self.texels).min(limits.image_texels)
+    }
+
+    /// The texels in memory, or in a file where memory has too many.
+    fn placed(&mut self, reader: &Reader, width: usize, texels: Texels) -> Result<Texels, SceneError> {
+        let bytes = self.texture_bytes.saturating_add(texels.memory());
+        if bytes <= self.loader.limits.texture_bytes {
+            self.texture_bytes = bytes;
+            return Ok(texels);
+        }
+        let stored = match &self.tiles {
+            Some(file) => Ok(file.clone()),
+            None => TileFile::new(TILE_CACHE_BYTES).map(Arc::new),
+        };
+        let stored = stored.and_then(|file| Ok((file.store(width, &texels)?, file)));
+        let (tiles, file) = stored.map_err(|error| {
+            let reason = format!(
+                "textures fill the memory that they may, and it cannot be written to a temporary file: {error}"
+            );
+            reader.wrong("filename", reason)
+        })?;
+        self.tiles = Some(file);
+        Ok(Texels::Tiled(tiles))
     }
 }
 
