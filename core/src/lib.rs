@@ -13,6 +13,7 @@ pub mod integrator;
 pub mod light;
 pub mod material;
 pub mod math;
+mod meter;
 mod motion;
 mod path;
 pub mod picture;

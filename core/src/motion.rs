@@ -3,7 +3,7 @@
 //! All paths of an iteration see the same moment, so that photons, cones and camera paths meet the same surfaces, and one hierarchy
 //! serves them all. The average over iterations is the image blurred by motion.
 
-use crate::geometry::{Shape, ShapeId};
+use crate::geometry::{Shape, ShapeId, ShapeSampler};
 use crate::light::LightId;
 use crate::math::AnimatedTransform;
 use crate::random::{Sampling, Stream};
@@ -78,7 +78,10 @@ impl Scene {
             .lights
             .iter()
             .map(|(light, to_world)| (*light, to_world.at(time)));
+        let meter = self.meter.as_ref();
         Self {
+            meter: meter.map(|meter| ShapeSampler::new(&geometry, meter.shape())),
+            whole: self.whole.clone(),
             lights: self.lights.moved(&geometry, moved_lights),
             geometry,
             hide_emitters: self.hide_emitters,
@@ -95,6 +98,7 @@ impl Scene {
             contents: self.contents.clone(),
             wishes: self.wishes.clone(),
             warnings: self.warnings.clone(),
+            notes: Vec::new(),
             motion: None,
             tiles: self.tiles.clone(),
             small_lamp: self.small_lamp.clone(),

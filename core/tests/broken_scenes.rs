@@ -220,7 +220,7 @@ fn broken_cameras_and_films_name_their_line() {
             "8 is out of range; allowed: 1 to 6",
             "<film type='hdrfilm'><integer name='width' value='9'/><integer name='crop_offset_x' value='3'/><integer name='crop_width' value='8'/></film>",
         ),
-        ("Unknown", "unknown type `bestfilm`", "<film type='bestfilm'/>"),
+        ("Unknown", "unknown type `hdrflim`", "<film type='hdrflim'/>"),
         (
             "Value",
             "`sample_count`",

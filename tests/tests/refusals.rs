@@ -53,7 +53,7 @@ fn a_scene_is_checked_without_being_rendered() {
     fs::write(path("odd.xml"), format!("<scene version='3.0.0'>\n{body}")).unwrap();
     fs::write(
         path("bad.xml"),
-        "<scene version='3.0.0'>\n<shape type='teapot'/>\n<shape type='cup'/></scene>",
+        "<scene version='3.0.0'>\n<shape type='shpere'/>\n<shape type='cubee'/></scene>",
     )
     .unwrap();
     let odd = path("odd.xml");
@@ -114,7 +114,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
         fs::write(&path, text).unwrap();
         (path, format!("{name}:{line}"))
     };
-    let (broken, broken_at) = with("broken.xml", "<shape type=\"teapot\"/>");
+    let (broken, broken_at) = with("broken.xml", "<shape type=\"shpere\"/>");
     let shape = "<shape type=\"ply\"><string name=\"filename\" value=\"../secret.ply\"/></shape>";
     let (outside, outside_at) = with("outside.xml", shape);
     let (foggy, foggy_at) = with("foggy.xml", "<medium type=\"homogeneous\"/>");
@@ -125,7 +125,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
         refusal(&arguments)
     };
     for (errors, expected) in [
-        (render(&broken, &[]), [broken_at.as_str(), "teapot"]),
+        (render(&broken, &[]), [broken_at.as_str(), "shpere"]),
         (render(&outside, &[]), [outside_at.as_str(), "secret.ply"]),
         (render(&foggy, &["--strict"]), [foggy_at.as_str(), "--strict"]),
         (render(&missing, &[]), ["missing.xml", "not found"]),

@@ -39,6 +39,8 @@ Examples:
       Gives values to the scene's <default> parameters.
   photonfarm render scene.xml -o again.exr --from image.exr
       Repeats a picture, bit for bit, with the settings that it names.
+  photonfarm render scene.xml --sensor floor -o lux.csv
+      Writes what a meter measures as a table: of a grid on a rectangle a line for each place.
   photonfarm render scene.xml -o image.exr --from image.partial.exr
       Goes on with a render that was interrupted: image.partial.farm holds what it needs. Without
       that folder it begins anew, to the same bits.
@@ -57,6 +59,8 @@ Examples:
       settings that `render` would take; warnings; the files that a farm would be sent.
   photonfarm check scene.pbrt --strict
       Fails where anything is left out or replaced.
+  photonfarm check scene.xml -v
+      Lists also what is accepted and changes nothing in the picture.
   photonfarm check scene.glb --json
       The same for programs; a scene that cannot be loaded gives its errors in `errors`.";
 
@@ -178,9 +182,13 @@ pub(crate) enum Command {
 pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub(crate) job: JobArgs,
-    /// Picture to write; the PNG beside it has the same name with the extension png
+    /// Picture to write; the PNG beside it has the same name with the extension png. A name that ends in csv asks for a table
+    /// in its place
     #[arg(short, long, value_name = "OUT.exr")]
     pub(crate) output: PathBuf,
+    /// Table to write beside the picture: a line for each pixel with its row, column, red, green, blue and luminance
+    #[arg(long, value_name = "FILE")]
+    pub(crate) csv: Option<PathBuf>,
     /// Threads to render with [default: one per processor]
     #[arg(long, value_name = "T")]
     pub(crate) threads: Option<NonZeroUsize>,
@@ -420,6 +428,9 @@ pub(crate) struct JobArgs {
     /// Refuse a scene of which something is left out or replaced, or that is probably not meant so: warnings of the scene are errors
     #[arg(long)]
     pub(crate) strict: bool,
+    /// List also what the scene file says and changes nothing in the picture
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
     #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "sensor", "set"])]
@@ -493,7 +504,8 @@ mod tests {
         for line in [
             "photonfarm render s.xml -o o.exr --integrator path --iterations 4 --seed 7 -D a=b -D c=d=e \
              --set samples=2 --set max_depth=-1 --threads 3 --stats s.json",
-            "photonfarm render s.xml -o o.exr --within 90s",
+            "photonfarm render s.xml -o o.exr --within 90s -v",
+            "photonfarm render s.xml -o o.exr --csv o.csv",
             "photonfarm render s.xml -o o.exr --from a.exr --threads 2",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format json",
             "photonfarm serve --listen [::]:0 --data d --tls-cert c --tls-key k --rate 5 --connections 9 --connections-per-address 3",

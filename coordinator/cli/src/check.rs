@@ -4,7 +4,7 @@ use crate::args::CheckArgs;
 use crate::job::{PreparedJob, refuse_warnings};
 use crate::say;
 use anyhow::Result;
-use photonfarm_core::scene::{Scene, SceneFaults};
+use photonfarm_core::scene::{Scene, SceneContents, SceneFaults};
 use photonfarm_core::settings::IntegratorSettings;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -15,24 +15,18 @@ use std::fmt::Write;
 struct Report {
     /// Name of the scene file.
     scene: String,
-    /// Its format.
-    format: &'static str,
+    #[serde(flatten)]
+    contents: SceneContents,
     /// Pixels across and down.
     resolution: [u32; 2],
-    /// Shapes by type.
-    shapes: BTreeMap<String, u64>,
-    triangles: u64,
-    vertices: u64,
-    lights: BTreeMap<String, u64>,
-    materials: BTreeMap<String, u64>,
-    textures: BTreeMap<String, u64>,
-    texels: u64,
     /// Lower and upper corner of all shapes [scene units].
     bounds: [[f32; 3]; 2],
     /// How it would be rendered.
     integrator: IntegratorSettings,
     iterations: u32,
     warnings: Vec<String>,
+    /// What changes nothing in the picture.
+    notes: Vec<String>,
     /// What a farm would be sent: bytes by name.
     files: BTreeMap<String, u64>,
 }
@@ -61,7 +55,7 @@ pub(crate) fn run(args: CheckArgs) -> Result<()> {
     let report = Report::of(&job, &scene);
     match args.json {
         true => say::json(&report)?,
-        false => say::line(report.text())?,
+        false => say::line(report.text(args.job.verbose))?,
     }
     refuse_warnings(&args.job, &scene)
 }
@@ -83,42 +77,36 @@ impl Failure {
 
 impl Report {
     fn of(job: &PreparedJob, scene: &Scene) -> Self {
-        let contents = scene.contents.clone();
         let (lower, upper) = scene.geometry.bounds();
         let files = job.manifest.files.iter();
         Self {
             scene: job.spec.main.clone(),
-            format: contents.format,
+            contents: scene.contents.clone(),
             resolution: scene.film.resolution,
-            shapes: contents.shapes,
-            triangles: contents.triangles,
-            vertices: contents.vertices,
-            lights: contents.lights,
-            materials: contents.materials,
-            textures: contents.textures,
-            texels: contents.texels,
             bounds: [lower.to_array(), upper.to_array()],
             integrator: job.spec.integrator.with_defaults().clone(),
             iterations: job.spec.iterations,
             warnings: job.warnings(scene).iter().map(ToString::to_string).collect(),
+            notes: scene.notes.iter().map(ToString::to_string).collect(),
             files: files.map(|(name, entry)| (name.clone(), entry.bytes)).collect(),
         }
     }
 
-    /// The report for people.
-    fn text(&self) -> String {
+    /// The report for people; `verbose` lists the notes as well.
+    fn text(&self, verbose: bool) -> String {
         let [width, height] = self.resolution;
-        let mut text = format!("{}: {}, {width} x {height} pixels\n", self.scene, self.format);
+        let contents = &self.contents;
+        let mut text = format!("{}: {}, {width} x {height} pixels\n", self.scene, contents.format);
         let mut say = |what: &str, said: String| {
             let _ = writeln!(text, "{what:<10} {said}");
         };
-        let mesh = format!("{} triangles, {} vertices", self.triangles, self.vertices);
-        say("shapes", format!("{}; {mesh}", by_type(&self.shapes)));
-        say("lights", by_type(&self.lights));
-        say("materials", by_type(&self.materials));
+        let mesh = format!("{} triangles, {} vertices", contents.triangles, contents.vertices);
+        say("shapes", format!("{}; {mesh}", by_type(&contents.shapes)));
+        say("lights", by_type(&contents.lights));
+        say("materials", by_type(&contents.materials));
         say(
             "textures",
-            format!("{}; {} texels", by_type(&self.textures), self.texels),
+            format!("{}; {} texels", by_type(&contents.textures), contents.texels),
         );
         let [lower, upper] = self.bounds.map(|corner| corner.map(|x| x.to_string()).join(", "));
         say("bounds", format!("({lower}) to ({upper})"));
@@ -135,6 +123,14 @@ impl Report {
         say("warnings", self.warnings.len().to_string());
         for warning in &self.warnings {
             say("", warning.clone());
+        }
+        match (verbose, self.notes.len()) {
+            (_, 0) => {}
+            (true, count) => {
+                say("notes", count.to_string());
+                self.notes.iter().for_each(|note| say("", note.clone()));
+            }
+            (false, count) => say("notes", format!("{count}, which -v lists")),
         }
         text.truncate(text.trim_end().len());
         text

@@ -32,6 +32,9 @@ impl PreparedJob {
         for warning in job.warnings(&scene) {
             say::tell(format_args!("warning: {warning}"));
         }
+        for note in scene.notes.iter().filter(|_| args.verbose) {
+            say::tell(format_args!("note: {note}"));
+        }
         refuse_warnings(args, &scene)?;
         Ok((job, scene))
     }

@@ -13,12 +13,13 @@ use anyhow::{Context, Result, bail};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::{Config, Coordinator};
 use photonfarm_core::picture;
+use photonfarm_core::scene::Scene;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_worker::{
     BundleFiles, CancellationToken, CoreScene, Credentials, LoadedScene, Renderer, Worker, WorkerConfig,
 };
 use std::num::NonZeroUsize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
@@ -33,7 +34,7 @@ const FAREWELL: Duration = Duration::from_secs(5);
 /// Runs the command.
 pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let started = Instant::now();
-    let output = PictureFiles::check(&args.output)?;
+    let output = Output::check(&args)?;
     let stats = args.stats.as_deref().map(OutputFile::check).transpose()?;
     let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule.deadline_ms = args.within.map(deadline).transpose()?;
@@ -50,15 +51,64 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         Ending::Complete(rendered) => rendered,
         Ending::Interrupted(partial) => return keep_partial(&args, farm, partial.as_ref()),
     };
-    output.write(&rendered.exr, &rendered.png)?;
+    output.write(&rendered, &scene.0)?;
     farm.remove()?;
-    say::tell(format_args!("{}: {}", output.names(), submit::in_words(&rendered.exr)?));
+    say::tell(format_args!("{}: {}", output.names, submit::in_words(&rendered.exr)?));
     submit::tell_if_black(&rendered.exr, Some(&scene.0))?;
     if let Some(stats) = stats {
         let wall_seconds = started.elapsed().as_secs_f64();
         stats.write(&Stats::new(&rendered.status, threads, wall_seconds, load_seconds).to_json()?)?;
     }
     Ok(())
+}
+
+/// What is written of a finished render.
+struct Output {
+    picture: Option<PictureFiles>,
+    tables: Vec<OutputFile>,
+    /// All names, for messages.
+    names: String,
+}
+
+impl Output {
+    /// Checks that all files can be written: the picture, or a table where its name asks for one, and a table beside it.
+    fn check(args: &RenderArgs) -> Result<Self> {
+        let is_table = args
+            .output
+            .extension()
+            .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+        let picture = match is_table {
+            true => None,
+            false => Some(PictureFiles::check(&args.output)?),
+        };
+        let tables: Vec<&Path> = [Some(&args.output).filter(|_| is_table), args.csv.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path)
+            .collect();
+        let names: Vec<String> = picture
+            .iter()
+            .map(PictureFiles::names)
+            .chain(tables.iter().map(|path| path.display().to_string()))
+            .collect();
+        Ok(Self {
+            picture,
+            tables: tables.into_iter().map(OutputFile::check).collect::<Result<_>>()?,
+            names: names.join(" and "),
+        })
+    }
+
+    fn write(&self, rendered: &Rendered, scene: &Scene) -> Result<()> {
+        if let Some(picture) = &self.picture {
+            picture.write(&rendered.exr, &rendered.png)?;
+        }
+        if self.tables.is_empty() {
+            return Ok(());
+        }
+        let decoded = picture::decode_exr(&rendered.exr, usize::MAX)?;
+        let table = picture::encode_csv(scene, decoded.width, &decoded.pixels);
+        self.tables.iter().try_for_each(|file| file.write(table.as_bytes()))
+    }
 }
 
 /// Keeps what an interrupted render has, and says how to go on.

@@ -154,6 +154,18 @@ pub struct Geometry {
 }
 
 impl Shape {
+    /// Bounds of the shape in the world.
+    pub(crate) fn bounds(&self) -> (Vec3, Vec3) {
+        match self {
+            Self::Mesh(mesh) => {
+                let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+                let positions = mesh.positions.iter();
+                positions.fold(nothing, |(lower, upper), place| (lower.min(*place), upper.max(*place)))
+            }
+            curved => curved::bounds(curved).unwrap_or_default(),
+        }
+    }
+
     /// Number of primitives.
     fn primitives(&self) -> usize {
         match self {

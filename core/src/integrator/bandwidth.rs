@@ -2,6 +2,7 @@
 
 use super::GLOSSY_ROUGHNESS;
 use crate::density::schedule;
+use crate::geometry::Ray;
 use crate::material::TransportMode;
 use crate::math::Vec2;
 use crate::path::{Tracer, Vertex};
@@ -61,29 +62,39 @@ const PROBE_EDGES: u32 = 16;
 /// Probes through the image, a fixed grid of them, follow specular surfaces to the first rough one; the median of the
 /// pixel's footprint over their lengths, times the number of pixels, stands for the area in view. The disc is as large
 /// as holds [`RECORDS_IN_FIRST_DISC`] of the iteration's `photons` spread over that area, and at least one pixel.
+///
+/// Where the picture is a window of a film it is that of the whole film, so that the window shows what the whole film would.
 fn automatic_sigma1(scene: &Scene, photons: u32) -> f32 {
-    let [width, height] = scene.film.resolution;
+    let sensor = scene.whole.as_deref().unwrap_or(&scene.sensor);
+    let [width, height] = sensor.resolution;
     let mut footprints: Vec<f32> = (0..PROBES * PROBES)
         .filter_map(|probe| {
             let cell = Vec2::new((probe % PROBES) as f32 + 0.5, (probe / PROBES) as f32 + 0.5) / PROBES as f32;
-            probe_distance(scene, cell * Vec2::new(width as f32, height as f32), probe)
+            let ray = match &scene.whole {
+                Some(whole) => whole.ray(cell * Vec2::new(width as f32, height as f32), Vec2::splat(0.5)),
+                None => {
+                    scene
+                        .camera_ray(cell * Vec2::new(width as f32, height as f32), Vec2::splat(0.5))
+                        .ray
+                }
+            };
+            probe_distance(scene, ray, probe)
         })
-        .map(|distance| scene.sensor.pixel_footprint(distance))
+        .map(|distance| sensor.pixel_footprint(distance))
         .collect();
     footprints.sort_unstable_by(f32::total_cmp);
     let (low, high) = scene.geometry.bounds();
-    let nothing_seen = scene.sensor.pixel_footprint((high - low).length());
+    let nothing_seen = sensor.pixel_footprint((high - low).length());
     let footprint = footprints.get(footprints.len() / 2).copied().unwrap_or(nothing_seen);
     let pixels = width as f32 * height as f32;
     let discs = (RECORDS_IN_FIRST_DISC * pixels / (std::f32::consts::PI * photons as f32)).sqrt();
     footprint * discs.max(1.0)
 }
 
-/// Length of the path from the camera through image position `pixel` to the first surface that is not specular or glossy.
-fn probe_distance(scene: &Scene, pixel: Vec2, probe: u32) -> Option<f32> {
+/// Length of the path that begins with a ray of the camera to the first surface that is not specular or glossy.
+fn probe_distance(scene: &Scene, mut ray: Ray, probe: u32) -> Option<f32> {
     let mut random = PathRandom::new(0, 0, Stream::Probe, u64::from(probe));
     let mut tracer = Tracer::new(scene);
-    let mut ray = scene.sensor.ray(pixel, Vec2::splat(0.5));
     let mut distance = 0.0;
     for _ in 0..PROBE_EDGES {
         let point = tracer.intersect(&ray)?;

@@ -26,8 +26,8 @@ pub use sppm::radius_range;
 
 use description::Estimator;
 
-use crate::geometry::Ray;
 use crate::math::Vec2;
+use crate::meter::CameraRay;
 use crate::path::Tracer;
 use crate::random::{PathRandom, Sampling, Sequence, Stream};
 use crate::scene::Scene;
@@ -354,7 +354,7 @@ const PATHS_PER_TASK: usize = 256;
 /// A camera path about to be traced.
 struct Sample<'a, 't> {
     tracer: &'t mut Tracer<'a>,
-    ray: Ray,
+    camera: CameraRay,
     random: &'t mut PathRandom,
     /// Index of its pixel, row by row from the top left.
     pixel: usize,
@@ -372,7 +372,8 @@ fn trace_pixels<'a, T: Send>(
     counts: &mut Counts,
     estimate: impl Fn(Sample<'a, '_>, &mut Vec<T>) -> Spectrum + Sync,
 ) -> Result<(Vec<Spectrum>, Vec<Vec<T>>), RenderError> {
-    let (sensor, film) = (&job.scene.sensor, &job.scene.film);
+    let film = &job.scene.film;
+    let has_unseen_lights = job.scene.lights.any_delta();
     let width = film.resolution[0] as usize;
     let mut sums = vec![Spectrum::ZERO; pixels.len()];
     let pixels_per_task = (PATHS_PER_TASK / samples as usize).max(1);
@@ -393,10 +394,17 @@ fn trace_pixels<'a, T: Send>(
                     .sequence(job.seed, job.iteration, Stream::Camera, pixel as u64, samples);
                 for index in 0..samples {
                     let mut random = sequence.path(index);
-                    let ray = sensor.ray(centre + film.filter.sample(random.next_2d()), random.next_2d());
+                    let place = centre + film.filter.sample(random.next_2d());
+                    let camera = job.scene.camera_ray(place, random.next_2d());
+                    if let Some(normal) = camera.normal
+                        && has_unseen_lights
+                    {
+                        let (choice, u) = (random.next_choice(), random.next_choice_2d());
+                        *sum += tracer.unseen_light(camera.ray.origin, normal, choice, u);
+                    }
                     let sample = Sample {
                         tracer: &mut tracer,
-                        ray,
+                        camera,
                         random: &mut random,
                         pixel,
                         index,

@@ -91,6 +91,55 @@ fn an_irradiance_meter_measures_the_closed_form() {
     }
 }
 
+/// The mean irradiance of a shape is the light that it catches over its area. Of a point light of intensity 3 it is 3 times the solid angle
+/// under which its outer side is seen.
+#[test]
+fn a_meter_on_any_shape_measures_the_mean() {
+    use std::f64::consts::PI;
+    let lamp = "<emitter type='point'><rgb name='intensity' value='3'/></emitter>";
+    let at = |inner: &str| format!("<transform name='to_world'>{inner}</transform>");
+    let within = |distance: f64, radius: f64| 1.0 - distance / distance.hypot(radius);
+    for (label, shape, placed, expected) in [
+        // A ball of radius 0.5 at the distance 2 fills a cone of that sine.
+        (
+            "sphere",
+            "<float name='radius' value='0.5'/>",
+            at("<translate x='2'/>"),
+            2.0 * PI * (1.0 - (1.0_f64 - 0.0625).sqrt()) / PI,
+        ),
+        (
+            "disk",
+            "",
+            at("<rotate x='1' angle='180'/><translate z='2'/>"),
+            2.0 * PI * within(2.0, 1.0) / PI,
+        ),
+        // All of the sphere about the lamp but for the two open ends of the cylinder.
+        (
+            "cylinder",
+            "<boolean name='flip_normals' value='true'/><point name='p0' value='0 0 -1'/><point name='p1' value='0 0 1'/>",
+            String::new(),
+            4.0 * PI * (1.0 - within(1.0, 1.0)) / (4.0 * PI),
+        ),
+        // One face of a cube of side 2, which is seen from the distance 2 before its middle; the others look away or along.
+        (
+            "cube",
+            "",
+            at("<translate z='3'/>"),
+            4.0 * (1.0 / (2.0 * 6.0_f64.sqrt())).atan() / 24.0,
+        ),
+    ] {
+        let scene = scene(&format!(
+            "{lamp}<shape type='{label}'>{shape}{placed}<bsdf type='diffuse'><rgb name='reflectance' value='0'/></bsdf>\
+             <sensor type='irradiancemeter'/></shape>"
+        ));
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+        for settings in integrators(1 << 16, 1 << 18) {
+            let error = f64::from(render(&scene, &settings)[0][1]) / (3.0 * expected) - 1.0;
+            assert!(error.abs() < 0.02, "{label}: {settings:?}: off by {error}");
+        }
+    }
+}
+
 /// A lamp before the camera, a mirror and a grey wall in a bright environment, without the lights being seen: every integrator shows the
 /// wall behind the lamp, the lamp in the mirror, and black in place of the environment.
 #[test]

@@ -387,6 +387,12 @@ impl Lights {
         }
     }
 
+    /// Whether there is a light that no ray finds, such as a point light ([`LightSample::delta`]).
+    pub(crate) fn any_delta(&self) -> bool {
+        let found = |source: &Source| matches!(source, Source::Area { .. } | Source::Background(_));
+        !self.sources.iter().all(found)
+    }
+
     /// Whether there is no light.
     #[must_use]
     pub fn is_empty(&self) -> bool {

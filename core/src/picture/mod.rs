@@ -1,11 +1,13 @@
-//! Pictures as files: OpenEXR with metadata, and PNG by a tone curve.
+//! Pictures as files: OpenEXR with metadata, PNG by a tone curve, and tables of what was measured.
 
 mod metadata;
 mod openexr;
+mod table;
 mod tone;
 
 pub use metadata::PictureMetadata;
 pub use openexr::{DecodedExr, decode_exr, encode_exr, read_metadata};
+pub use table::encode_csv;
 pub use tone::{ToneCurve, encode_png};
 
 use thiserror::Error;

@@ -32,7 +32,7 @@ impl Scene {
     pub fn why_black(&self, settings: &IntegratorSettings) -> String {
         let seen = self.seen();
         if seen.surfaces == 0 {
-            let axis = self.sensor.ray(self.position(0.5, 0.5), Vec2::ZERO);
+            let axis = self.camera_ray(self.position(0.5, 0.5), Vec2::ZERO).ray;
             let (lower, upper) = self.geometry.bounds();
             return format!(
                 "the camera meets no shape: it looks from {} along {}, and the shapes lie between {lower} and {upper}",
@@ -67,7 +67,7 @@ impl Scene {
         let mut seen = Seen::default();
         for (y, x) in (0..RAYS).flat_map(|y| (0..RAYS).map(move |x| (y, x))) {
             let share = |i: u32| (i as f32 + 0.5) / RAYS as f32;
-            let ray = self.sensor.ray(self.position(share(x), share(y)), Vec2::splat(0.5));
+            let ray = self.camera_ray(self.position(share(x), share(y)), Vec2::splat(0.5)).ray;
             let Some(point) = self.geometry.intersect(&ray) else {
                 continue;
             };

@@ -2,10 +2,11 @@
 
 use super::description::{Description, Kind};
 use super::format::Format;
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// What a scene holds, as its files say it: also what nothing refers to.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SceneContents {
     /// The format of the scene file, for people.
     pub format: &'static str,

@@ -8,6 +8,7 @@ use super::pfm;
 use crate::texture::Texels;
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use std::borrow::Cow;
 use std::io::Cursor;
 
 /// The most channels that an OpenEXR layer may have.
@@ -67,6 +68,9 @@ fn decode(file: &LoadedFile, texel_limit: u64) -> Result<Pixels, SceneError> {
     }
 }
 
+/// How Radiance HDR images of other programs than Radiance begin, Mitsuba among them; the decoder wants the name of that program.
+const RGBE: &[u8] = b"#?RGBE";
+
 fn read_other(
     file: &LoadedFile,
     place: &Place,
@@ -74,12 +78,12 @@ fn read_other(
     check_size: impl Fn(u64, u64) -> Result<(), SceneError>,
 ) -> Result<Pixels, SceneError> {
     let formats = "allowed: OpenEXR, PFM, PNG, JPEG, WebP, BMP, TGA, Radiance HDR";
-    let format = image::guess_format(&file.bytes).ok().or_else(|| {
-        file.name
-            .to_ascii_lowercase()
-            .ends_with(".tga")
-            .then_some(ImageFormat::Tga)
-    });
+    let is_tga = || file.name.to_ascii_lowercase().ends_with(".tga");
+    let format = match image::guess_format(&file.bytes) {
+        Ok(format) => Some(format),
+        Err(_) if file.bytes.starts_with(RGBE) => Some(ImageFormat::Hdr),
+        Err(_) => is_tga().then_some(ImageFormat::Tga),
+    };
     let format = format
         .filter(|format| format.reading_enabled())
         .ok_or_else(|| SceneError::data(place, format!("not an image of a known format; {formats}")))?;
@@ -98,7 +102,11 @@ fn read_other(
         let [width, height] = [&size[..4], &size[4..]].map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]));
         check_size(u64::from(width), u64::from(height))?;
     }
-    let mut reader = ImageReader::with_format(Cursor::new(&file.bytes[..]), format);
+    let bytes = match file.bytes.strip_prefix(RGBE) {
+        Some(rest) => Cow::Owned([b"#?RADIANCE", rest].concat()),
+        None => Cow::Borrowed(&file.bytes[..]),
+    };
+    let mut reader = ImageReader::with_format(Cursor::new(&bytes[..]), format);
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(memory);
     reader.limits(limits);
@@ -263,6 +271,10 @@ mod tests {
         assert_eq!(image.texels.get(5).to_rgb(), [2.0, 1.0, 0.5]);
         let hdr = DynamicImage::ImageRgb32F(image::Rgb32FImage::from_pixel(9, 1, image::Rgb([4.0, 2.0, 0.5])));
         let image = read(&file("a.hdr", &encoded(ImageFormat::Hdr, &hdr)), &Reading::COLOURS, 100).unwrap();
+        let rgbe = encoded(ImageFormat::Hdr, &hdr);
+        let rgbe = [b"#?RGBE", rgbe.strip_prefix(b"#?RADIANCE").unwrap()].concat();
+        let other = read(&file("a.hdr", &rgbe), &Reading::COLOURS, 100).unwrap();
+        assert_eq!(other.texels.get(0), image.texels.get(0));
         assert_eq!(image.texels.get(8).to_rgb(), [4.0, 2.0, 0.5]);
     }
 

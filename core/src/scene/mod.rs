@@ -38,7 +38,7 @@ pub use limits::Limits;
 pub use warning::SceneWarning;
 
 use crate::film::FilmSettings;
-use crate::geometry::{Geometry, ShapeId, SurfacePoint};
+use crate::geometry::{Geometry, ShapeId, ShapeSampler, SurfacePoint};
 use crate::light::{LightId, Lights};
 use crate::material::Material;
 use crate::motion::Motion;
@@ -68,6 +68,10 @@ pub struct Scene {
     pub hide_emitters: bool,
     /// The camera.
     pub sensor: Sensor,
+    /// The camera of the whole film, where the picture is a window of it.
+    pub(crate) whole: Option<Box<Sensor>>,
+    /// The shape that the sensor measures the irradiance of, where that is no grid on a rectangle.
+    pub(crate) meter: Option<ShapeSampler>,
     /// Image size and filter.
     pub film: FilmSettings,
     /// What the scene holds.
@@ -76,6 +80,8 @@ pub struct Scene {
     pub wishes: Wishes,
     /// What is probably not meant, in the order in which it was found.
     pub warnings: Vec<SceneWarning>,
+    /// What the scene file says and changes nothing in the picture.
+    pub notes: Vec<SceneWarning>,
     /// What moves while the shutter is open; `None` where nothing does.
     pub(crate) motion: Option<Motion>,
     /// Where textures lie that memory does not hold.

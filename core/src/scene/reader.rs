@@ -79,6 +79,12 @@ impl<'d> Reader<'d> {
             .note(place, format!("{}: {message}", self.context()));
     }
 
+    /// Notes what changes nothing in the picture, for those who ask.
+    pub(crate) fn remark(&self, message: impl fmt::Display) {
+        let message = format!("{}: {message}", self.context());
+        self.description.warnings.remark(self.place(), message);
+    }
+
     /// As [`Reader::warn`], about the property `name`.
     pub(crate) fn warn_of(&self, name: &str, message: &str) {
         let place = self
@@ -89,8 +95,22 @@ impl<'d> Reader<'d> {
         self.warn(place, format_args!("`{name}`: {message}"));
     }
 
-    /// Accepts properties and children that change nothing here.
+    /// Accepts properties and children that change nothing in the picture, with a remark.
     pub(crate) fn ignore(&self, names: &[&str]) {
+        let given: Vec<String> = names
+            .iter()
+            .filter(|name| self.has(name))
+            .map(|name| format!("`{name}`"))
+            .collect();
+        if !given.is_empty() {
+            let verb = if given.len() == 1 { "changes" } else { "change" };
+            self.remark(format_args!("{} {verb} nothing in the picture", given.join(", ")));
+        }
+        self.accept(names);
+    }
+
+    /// Accepts properties and children, about which all is said.
+    pub(crate) fn accept(&self, names: &[&str]) {
         let mut asked = self.asked.borrow_mut();
         asked.extend(names.iter().map(|name| (*name).to_owned()));
         let of_name = |child: &Child| child.name.as_deref().is_some_and(|name| names.contains(&name));
@@ -145,6 +165,28 @@ impl<'d> Reader<'d> {
             &self.object.plugin,
             allowed.iter().copied(),
         )
+    }
+
+    /// Warns of a plugin type that is not known here, for which `instead` says what is rendered.
+    ///
+    /// # Errors
+    /// Where the type looks like a misspelt one of those `allowed`.
+    pub(crate) fn other_type(&self, allowed: &[&str], instead: &str) -> Result<(), SceneError> {
+        let plugin = &self.object.plugin;
+        if nearest(plugin, allowed.iter().copied()).is_some() {
+            return Err(self.unknown_type(allowed));
+        }
+        let element = match &self.object.written {
+            Some(written) => written.to_string(),
+            None => format!("<{}>", self.object.kind.element()),
+        };
+        let message = format!(
+            "{element}: the type `{}` is not known here: {instead}",
+            shortened(plugin)
+        );
+        self.description.warnings.note(self.place(), message);
+        self.accept_rest();
+        Ok(())
     }
 
     fn mismatch(&self, name: &str, property: &Property, expected: &str) -> SceneError {

@@ -400,7 +400,7 @@ fn all_faults_are_told_together_and_each_once() {
         <include filename='part.xml'/>\n\
         <emitter type='point'><rgb name='intensity' value='-1'/><rgb name='intensty' value='1'/></emitter>\n";
     let text = format!("<scene version='3.0.0'>\n{body}</scene>");
-    let part = b"<scene version='3.0.0'>\n<sphere/>\n<shape type='sphere'><bsdf type='conductor'><string name='material' value='au'/></bsdf></shape></scene>";
+    let part = b"<scene version='3.0.0'>\n<shap/>\n<shape type='sphere'><bsdf type='conductor'><string name='material' value='au'/></bsdf></shape></scene>";
     let files = BTreeMap::from([
         ("main.xml".to_owned(), text.into_bytes()),
         ("part.xml".to_owned(), part.to_vec()),
@@ -409,7 +409,7 @@ fn all_faults_are_told_together_and_each_once() {
     let faults = Scene::load(&files, "main.xml", &BTreeMap::new(), &Limits::default()).unwrap_err();
     let expected = [
         ("main.xml:4: <float name=\"radius\"> value: `big`", ""),
-        ("part.xml:2: scene: unknown element `sphere`", "shape"),
+        ("part.xml:2: scene: unknown element `shap`", "did you mean `shape`?"),
         ("main.xml:4: id `wal`", "did you mean `wall`?"),
         ("main.xml:2: <sensor type=\"perspective\"> `fov`: 190", ""),
         ("main.xml:3: <bsdf>: unknown type `difuse`", "did you mean `diffuse`?"),
@@ -462,7 +462,7 @@ fn what_follows_from_a_lost_part_is_not_told() {
                 .starts_with("main.xml:2: file `lost.xml` was not found"),
         "{faults}"
     );
-    let many: String = (0..30).map(|i| format!("<blob{i}/>\n")).collect();
+    let many: String = (0..30).map(|i| format!("<shape{i}/>\n")).collect();
     let faults = load(&many, None).unwrap_err();
     assert_eq!(faults.all().len(), 21);
     assert!(

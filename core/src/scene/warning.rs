@@ -20,22 +20,49 @@ impl fmt::Display for SceneWarning {
     }
 }
 
-/// The most warnings of a scene that are told.
+/// The most warnings and the most remarks of a scene that are told.
 const MOST: usize = 50;
 
-/// Warnings so far, in the order in which they were found.
+/// Warnings and remarks so far.
 #[derive(Debug, Default)]
 pub(crate) struct Warnings {
-    /// Each with the number of further places that it holds for.
-    told: RefCell<Vec<(SceneWarning, u64)>>,
-    /// The first place beyond [`MOST`] warnings, and how many there are.
-    others: RefCell<Option<(Place, u64)>>,
+    warnings: List,
+    remarks: List,
 }
 
 impl Warnings {
     /// Notes a warning. What is said twice is told once, with the number of places.
     pub(crate) fn note(&self, place: &Place, message: impl Into<String>) {
-        let message = message.into();
+        self.warnings.note(place, message.into());
+    }
+
+    /// Notes what is accepted and changes nothing in the picture, for those who ask.
+    pub(crate) fn remark(&self, place: &Place, message: impl Into<String>) {
+        self.remarks.note(place, message.into());
+    }
+
+    /// Takes all warnings out.
+    pub(crate) fn take(&self) -> Vec<SceneWarning> {
+        self.warnings.take("warnings")
+    }
+
+    /// Takes all remarks out.
+    pub(crate) fn take_remarks(&self) -> Vec<SceneWarning> {
+        self.remarks.take("notes")
+    }
+}
+
+/// What is said, in the order in which it was found.
+#[derive(Debug, Default)]
+struct List {
+    /// Each with the number of further places that it holds for.
+    told: RefCell<Vec<(SceneWarning, u64)>>,
+    /// The first place beyond [`MOST`] of them, and how many there are.
+    others: RefCell<Option<(Place, u64)>>,
+}
+
+impl List {
+    fn note(&self, place: &Place, message: String) {
         let mut told = self.told.borrow_mut();
         if let Some((first, more)) = told.iter_mut().find(|(warning, _)| warning.message == message) {
             *more += u64::from(first.place != *place);
@@ -47,8 +74,7 @@ impl Warnings {
         }
     }
 
-    /// Takes all warnings out.
-    pub(crate) fn take(&self) -> Vec<SceneWarning> {
+    fn take(&self, what: &str) -> Vec<SceneWarning> {
         let told = self.told.take().into_iter().map(|(mut warning, more)| {
             match more {
                 0 => {}
@@ -59,7 +85,7 @@ impl Warnings {
         });
         let others = self.others.take().map(|(place, count)| SceneWarning {
             place,
-            message: format!("from here on there are {count} more warnings"),
+            message: format!("from here on there are {count} more {what}"),
         });
         told.chain(others).collect()
     }

@@ -18,13 +18,13 @@ impl<'a> Estimator<'a> {
     ) -> Spectrum {
         let Sample {
             tracer,
-            ray,
+            camera,
             random,
             pixel,
             index,
             ..
         } = sample;
-        let sensor = tracer.scene.sensor.pdf_we(&ray);
+        let sensor = tracer.scene.pdf_we(&camera);
         let camera_path = pixel as u64 * u64::from(self.plan.samples) + u64::from(index);
         let light_path = (camera_path % u64::from(self.plan.light_paths)) as u32;
         let mut partial = Partial {
@@ -34,7 +34,7 @@ impl<'a> Estimator<'a> {
                 self.camera_edges.first * sensor.cos / (pdf_lens * sensor.pdf)
             }),
         };
-        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(ray));
+        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(camera.ray));
         while walk.edges < self.plan.max_edges {
             let hit = walk.advance(tracer);
             let edges = walk.edges;

@@ -181,7 +181,7 @@ impl Estimator<'_> {
         if scene.hide_emitters && scene.light_at(&vertex.point).is_some() {
             return;
         }
-        let Some(seen) = tracer.scene.sensor.sample_we(vertex.point.position, random.next_2d()) else {
+        let Some(seen) = tracer.scene.sample_we(vertex.point.position, random.next_2d()) else {
             return;
         };
         let Towards { f, pdf, pdf_rev } = vertex.towards(seen.direction);

@@ -80,7 +80,7 @@ fn paths_replayed_from_recorded_numbers_have_the_same_bits() {
             let (mut tracer, mut merges) = (Tracer::new(&scene), Vec::new());
             let sample = Sample {
                 tracer: &mut tracer,
-                ray: scene.sensor.ray(place, random.next_2d()),
+                camera: scene.camera_ray(place, random.next_2d()),
                 random,
                 pixel,
                 index: 1,

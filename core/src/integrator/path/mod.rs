@@ -11,7 +11,7 @@ pub(super) fn render(job: &Job, settings: &PathSettings, observer: &dyn Observer
     let max_edges = edge_limit(settings.max_depth);
     let mut counts = Counts::default();
     let pixels = render_pixels(job, settings.samples, observer, &mut counts, |sample| {
-        let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
+        let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
         while let Some(point) = path.trace_edge() {
             let vertex = path.arrive(point);
             path.add_next_event(&vertex);

@@ -40,7 +40,7 @@ impl Queries {
         let max_edges = edge_limit(settings.max_depth);
         let first = pixels.start;
         let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
-            let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
+            let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
             while let Some(point) = path.trace_edge() {
                 let vertex = path.arrive(point);
                 let at_lookup = is_lookup(settings.lookup_vertex, &vertex);

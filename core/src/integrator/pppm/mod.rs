@@ -139,7 +139,7 @@ fn trace_queries(
 ) -> Result<(Vec<Spectrum>, Vec<Vec<Query>>), RenderError> {
     let max_edges = edge_limit(settings.max_depth);
     trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
-        let mut path = CameraPath::new(sample.tracer, sample.ray, sample.random, max_edges);
+        let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
         loop {
             let Some(point) = path.trace_edge() else {
                 break path.radiance;

@@ -16,7 +16,7 @@ impl Builder<'_, '_> {
             "bsplinecurve" => CurveKind::BSpline,
             "linearcurve" => CurveKind::Linear,
             _ => {
-                reader.ignore(&["angle_threshold"]);
+                reader.accept(&["angle_threshold"]);
                 CurveKind::Hair(reader.float_or("radius", POSITIVE, 0.025)?)
             }
         };

@@ -204,7 +204,7 @@ fn middle_of_window(reader: &Reader) -> Result<Moment, SceneError> {
         date("start_month", 1..=12, 1)?,
         date("start_day", 1..=31, 1)?,
     ];
-    reader.ignore(&[
+    reader.accept(&[
         "end_year",
         "end_month",
         "end_day",

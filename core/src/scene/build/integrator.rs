@@ -40,7 +40,11 @@ pub(super) struct Wanted {
 
 /// What an integrator says.
 pub(super) fn build(description: &Description, object: ObjectId) -> Result<Wanted, SceneError> {
-    let reader = Reader::new(description, innermost(description, object));
+    let rendering = innermost(description, object);
+    if rendering != object {
+        Reader::new(description, object).remark("the integrator within it makes the picture");
+    }
+    let reader = Reader::new(description, rendering);
     let hide_emitters = reader.boolean("hide_emitters", false)?;
     let max_depth = max_depth(&reader)?;
     let plugin = reader.object.plugin.as_str();
@@ -53,6 +57,8 @@ pub(super) fn build(description: &Description, object: ObjectId) -> Result<Wante
                     reader.place(),
                     format_args!("there is no integrator of this type; who renders chooses one: {ours}"),
                 );
+            } else {
+                reader.remark("of this integrator only `max_depth` is read");
             }
             reader.accept_rest();
             None

@@ -83,7 +83,7 @@ impl Builder<'_, '_> {
                 let instead = format!("there are: {}", SUPPORTED.join(", "));
                 return Err(reader.unsupported(format!("type `{other}`"), instead));
             }
-            _ => return Err(reader.unknown_type(&SUPPORTED)),
+            _ => return reader.other_type(&SUPPORTED, "the light is left out of the picture"),
         };
         check_sampling_weight(&reader)?;
         reader.finish();
@@ -98,8 +98,10 @@ impl Builder<'_, '_> {
         if self.used_area_lights.contains(&object) || self.description.faults.any() {
             return Ok(());
         }
-        let reason = "no shape uses this area light: put it inside a <shape> or reference it there";
-        Err(SceneError::value(reader.place(), reader.context(), reason))
+        let without = "no shape uses this area light, which is left out: put it inside a <shape> or reference it there";
+        reader.warn(reader.place(), without);
+        reader.accept_rest();
+        Ok(())
     }
 
     fn projector(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
@@ -121,11 +123,8 @@ impl Builder<'_, '_> {
 
     fn spot(&mut self, reader: &Reader, to_world: Transform) -> Result<Light, SceneError> {
         let cutoff = reader.float_or("cutoff_angle", 0.01..=180.0, 20.0)?;
-        let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?;
+        let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?.min(cutoff);
         let intensity = light_colour(reader, "intensity", 1.0)?;
-        if beam > cutoff {
-            return Err(reader.wrong("beam_width", format!("{beam} is above `cutoff_angle`, {cutoff}")));
-        }
         let texture = if reader.has("texture") {
             if cutoff > WIDEST_SLIDE {
                 let reason = format!("{cutoff} is out of range beside a `texture`; allowed: up to {WIDEST_SLIDE}");

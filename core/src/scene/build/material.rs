@@ -42,8 +42,10 @@ const SUPPORTED: [&str; 25] = [
 const DEEPEST: u64 = 16;
 /// How many BSDFs a material consists of at most: each of them is looked up at every hit.
 const MOST_WITHIN: u64 = 256;
-/// The range of roughness: below it the microfacet distributions lose precision.
-const ROUGHNESS: RangeInclusive<f64> = 1e-4..=10.0;
+/// The range of roughness.
+const ROUGHNESS: RangeInclusive<f64> = 0.0..=10.0;
+/// Below it the microfacet distributions lose precision; as in Mitsuba it stands for all that is less.
+const LEAST_ROUGHNESS: f64 = 1e-4;
 
 impl Builder<'_, '_> {
     /// The index of the material that `object` describes.
@@ -112,7 +114,7 @@ impl Builder<'_, '_> {
             "coating" | "roughcoating" => self.coating(&reader),
             "mask" => self.mask(&reader),
             "blendbsdf" => self.blend(&reader),
-            "mixturebsdf" => self.mixture(&reader),
+            "mixturebsdf" | "mixture" => self.mixture(&reader),
             "normalmap" => self.normal_map(&reader),
             "bumpmap" | "bump" => self.bump_map(&reader),
             "null" => Ok(Material::Null),
@@ -123,7 +125,7 @@ impl Builder<'_, '_> {
             "difftrans" | "diffusetransmission" => self.transmitter(&reader),
             other => match StandIn::of(other) {
                 Some(stand_in) => self.stand_in(&reader, stand_in),
-                None => Err(reader.unknown_type(&SUPPORTED)),
+                None => self.other_bsdf(&reader),
             },
         };
         self.building.pop();
@@ -137,17 +139,26 @@ impl Builder<'_, '_> {
         reader.warn(reader.place(), stand_in.without());
         let material = match stand_in {
             StandIn::SmoothPlastic => self.plastic(reader)?,
-            StandIn::Diffuse => {
-                let given = DIFFUSE_COLOURS.iter().find(|name| reader.has(name));
-                let name = given.copied().unwrap_or("reflectance");
-                Material::Diffuse {
-                    reflectance: self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)?,
-                }
-            }
+            StandIn::Diffuse => self.diffuse_stand_in(reader)?,
             StandIn::Nothing(_) => Material::Null,
         };
         reader.accept_rest();
         Ok(material)
+    }
+
+    /// A BSDF of another build of Mitsuba: diffuse, in the colour that it has.
+    fn other_bsdf(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        reader.other_type(&SUPPORTED, "it is rendered as `diffuse`")?;
+        self.diffuse_stand_in(reader)
+    }
+
+    /// A diffuse surface of the colour that a BSDF has under one of the usual names.
+    fn diffuse_stand_in(&mut self, reader: &Reader) -> Result<Material, SceneError> {
+        let given = DIFFUSE_COLOURS.iter().find(|name| reader.has(name));
+        let name = given.copied().unwrap_or("reflectance");
+        Ok(Material::Diffuse {
+            reflectance: self.colour_or_texture(reader, name, Role::REFLECTANCE, 0.5)?,
+        })
     }
 
     fn diffuse(&mut self, reader: &Reader) -> Result<Material, SceneError> {
@@ -288,8 +299,8 @@ impl StandIn {
     fn without(self) -> String {
         match self {
             Self::SmoothPlastic => "light is not polarised: it is rendered as `plastic`".into(),
-            Self::Diffuse => "this type does not exist yet: it is rendered as `diffuse`".into(),
-            Self::Nothing(lost) => format!("this type does not exist yet: it is rendered as `null`, and {lost}"),
+            Self::Diffuse => "it is rendered as `diffuse`: this type does not exist here".into(),
+            Self::Nothing(lost) => format!("it is rendered as `null`, which lets light through, and {lost}"),
         }
     }
 }
@@ -419,6 +430,6 @@ impl Builder<'_, '_> {
             return self.colour_or_texture(reader, name, Role::CONSTANT, 0.1).map(Some);
         }
         let alpha = reader.float(name, ROUGHNESS)?;
-        Ok(alpha.map(|alpha| Texture::Constant(Spectrum::splat(alpha as f32))))
+        Ok(alpha.map(|alpha| Texture::Constant(Spectrum::splat(alpha.max(LEAST_ROUGHNESS) as f32))))
     }
 }

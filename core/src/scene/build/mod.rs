@@ -21,7 +21,7 @@ use super::loader::{LoadedFile, Loader};
 use super::mesh::MeshTotals;
 use super::reader::Reader;
 use super::{Scene, SceneContents, ShapeBinding, Wishes, lamps};
-use crate::geometry::{Geometry, Shape, ShapeGroup, ShapeId};
+use crate::geometry::{Geometry, Shape, ShapeGroup, ShapeId, ShapeSampler};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
 use crate::math::{AnimatedTransform, Transform};
@@ -76,6 +76,10 @@ pub(crate) fn build(
     }
     for texture in scene.children(Kind::Texture).into_iter().filter(of_no_mesh) {
         builder.unused_texture(texture.target)?;
+    }
+    // They stand here for sensors to refer to them.
+    for kind in [Kind::Film, Kind::Sampler, Kind::Filter] {
+        scene.children(kind);
     }
     scene.finish();
     if description.faults.any() {
@@ -142,6 +146,8 @@ struct Builder<'b, 'f> {
     hide_emitters: bool,
     /// Area lights that a shape uses.
     used_area_lights: BTreeSet<ObjectId>,
+    /// The shape that the sensor measures the irradiance of, by the object that describes it and, when it is built, in the scene.
+    metered: Option<(ObjectId, Option<ShapeId>)>,
 }
 
 impl<'b, 'f> Builder<'b, 'f> {
@@ -172,6 +178,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             tiles: None,
             hide_emitters: false,
             used_area_lights: BTreeSet::new(),
+            metered: None,
         }
     }
 
@@ -199,6 +206,7 @@ impl<'b, 'f> Builder<'b, 'f> {
         let built = sensor::build(self.description, chosen, shape, self.loader.limits);
         let view = self.description.attempt(chosen, built)?.map(|(view, motion)| {
             self.motion = motion;
+            self.metered = view.meter.map(|shape| (shape, None));
             view
         });
         if view.as_ref().is_some_and(View::is_upside_down) {
@@ -270,7 +278,24 @@ impl<'b, 'f> Builder<'b, 'f> {
                 sensor::default_view(&geometry)
             }
         };
-        let View { sensor, film, .. } = view;
+        let View {
+            mut sensor,
+            film,
+            whole,
+            ..
+        } = view;
+        let meter = match self.metered {
+            None => None,
+            Some((_, Some(shape))) => {
+                sensor.to_world = sensor::about(&geometry, shape);
+                Some(ShapeSampler::new(&geometry, shape))
+            }
+            Some((shape, None)) => {
+                let reason = "the shape that the sensor lies on is not in the picture";
+                let place = &self.description.objects[shape].place;
+                return Err(SceneError::value(place, "<sensor type=\"irradiancemeter\">", reason));
+            }
+        };
         let (warnings, small_lamp) = lamps::examine(&self.lights, &geometry);
         for warning in warnings {
             self.warn(&warning.place, warning.message);
@@ -283,6 +308,8 @@ impl<'b, 'f> Builder<'b, 'f> {
             lights,
             hide_emitters: self.hide_emitters,
             sensor,
+            whole,
+            meter,
             film,
             contents: SceneContents {
                 triangles: self.meshes.triangles,
@@ -292,6 +319,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             },
             wishes,
             warnings: self.description.warnings.take(),
+            notes: self.description.warnings.take_remarks(),
             motion: (!self.motion.is_empty()).then_some(self.motion),
             small_lamp,
             tiles: self.tiles,

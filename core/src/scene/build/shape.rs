@@ -3,7 +3,7 @@
 use super::{Builder, uniform_scale};
 use crate::geometry::{Shape, ShapeId, ShapeSampler, TriangleMesh};
 use crate::light::Light;
-use crate::math::{AnimatedTransform, Frame, Transform, Vec3};
+use crate::math::{AnimatedTransform, FRAC_1_PI, Frame, Transform, Vec3};
 use crate::motion::MovingShape;
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::{Place, SceneError, within};
@@ -14,7 +14,7 @@ use glam::{DMat4, DVec3};
 use std::sync::Arc;
 
 use super::attributes::MeshAttributes;
-use super::texture::Role;
+use super::texture::{Role, scaled};
 
 const SUPPORTED: [&str; 16] = [
     "rectangle",
@@ -150,27 +150,36 @@ impl Builder<'_, '_> {
             "mesh" => self.mesh(reader, &to_world, flip)?,
             "bsplinecurve" | "linearcurve" | "hair" => self.curves(reader, &to_world, flip)?,
             "heightfield" => self.height_field(reader, &to_world, flip)?,
-            _ => return Err(reader.unknown_type(&SUPPORTED)),
+            _ => return reader.other_type(&SUPPORTED, "the shape is left out of the picture"),
         };
         let (material, radiance) = match looks {
             Some(looks) => looks,
             None => self.looks(reader, bsdf, emitter)?,
         };
         self.attributes = MeshAttributes::default();
-        let shape = match radiance {
-            Some(_) => self.with_even_area(reader, shape, moving.as_ref().map(|(_, motion)| motion))?,
-            None => shape,
+        let metered = self.metered.is_some_and(|(object, _)| self.is_object(reader, object));
+        let shape = match radiance.is_some() || metered {
+            true => self.with_even_area(reader, shape, moving.as_ref().map(|(_, motion)| motion))?,
+            false => shape,
         };
         let moving = moving.map(|(_, to_world)| to_world);
         let shape = match &moving {
             Some(to_world) => self.add_moving_shape(reader, shape, to_world, material)?,
             None => self.add_shape(shape, material),
         };
+        if metered && let Some((_, found)) = &mut self.metered {
+            *found = Some(shape);
+        }
         if let (Some(radiance), Some(emitter)) = (radiance, emitter) {
             let light = self.add_light(Light::Area { shape, radiance }, moving, &emitter.place);
             self.bindings[shape.0 as usize].light = Some(light);
         }
         Ok(())
+    }
+
+    /// Whether a reader reads the object.
+    fn is_object(&self, reader: &Reader, object: ObjectId) -> bool {
+        std::ptr::eq(reader.object, &raw const self.description.objects[object])
     }
 
     /// The material of a shape, and the radiance of its light.
@@ -232,7 +241,8 @@ impl Builder<'_, '_> {
             shape => return Ok(shape),
         };
         let count = raw.triangles.len();
-        let message = format!("its map scales it unevenly: as a light it is a mesh of {count} triangles");
+        let message =
+            format!("its map scales it unevenly: with a light or a meter on it, it is a mesh of {count} triangles");
         reader.warn_of("to_world", &message);
         self.placed_mesh(reader, raw, &to_world, flip)
             .map(|mesh| Shape::Mesh(mesh.into()))
@@ -241,16 +251,21 @@ impl Builder<'_, '_> {
     /// The radiance of a shape's area light.
     fn area_light(&mut self, shape: &Reader, emitter: &Child) -> Result<Texture, SceneError> {
         let light = self.reader(emitter.target);
-        if light.object.plugin == "directionalarea" {
+        let is_directional = light.object.plugin == "directionalarea";
+        if is_directional {
             light.warn(
                 &emitter.place,
-                "this type does not exist yet: it is rendered as `area`, which shines to all sides",
+                "it is rendered as an `area` light of the same power, which shines to all sides and not along its normals alone",
             );
         } else if light.object.plugin != "area" {
             let reason = "the emitter of a shape must have type `area`";
             return Err(SceneError::value(&emitter.place, shape.context(), reason));
         }
-        let radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
+        let mut radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
+        if is_directional {
+            // Of a shape of area A the one sends the power A times its radiance, the other pi times that.
+            radiance = scaled(radiance, FRAC_1_PI);
+        }
         super::light::check_sampling_weight(&light)?;
         light.finish();
         Ok(radiance)

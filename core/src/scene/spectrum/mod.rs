@@ -47,8 +47,7 @@ pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
         return Err(format!("{rgb:?} is negative"));
     }
     if used == Use::Reflectance && rgb.iter().any(|channel| *channel > 1.0) {
-        let of_bytes = rgb.iter().all(|channel| channel.fract() == 0.0) && rgb.iter().any(|channel| *channel > 1.5);
-        let advice = if of_bytes {
+        let advice = if is_of_bytes(&rgb) {
             "; colours of 0 to 255 are divided by 255"
         } else {
             ""
@@ -65,6 +64,11 @@ pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
     }
     let rgb = Spectrum::from_rgb(rgb.map(|channel| channel as f32));
     Ok(rgb)
+}
+
+/// Whether the channels of a reflectance look like bytes, 0 to 255.
+pub(crate) fn is_of_bytes(channels: &[f64]) -> bool {
+    channels.iter().all(|channel| channel.fract() == 0.0) && channels.iter().any(|channel| *channel > 1.5)
 }
 
 /// The radiance of a black body at a wavelength [nm], in [W/(m^2 sr nm)]: Planck's law.

@@ -50,6 +50,169 @@ fn what_changes_no_picture_is_taken_without_a_word() {
     assert_eq!((scene.wishes.max_depth, scene.wishes.sample_count), (Some(7), Some(9)));
 }
 
+/// What was taken without a word is listed for those who ask, once for each kind of object.
+#[test]
+fn what_changes_no_picture_is_listed() {
+    let body = format!(
+        "<default name='spp' value='9'/><integrator type='moment'><integrator type='volpath'/></integrator>\n\
+         <sensor type='perspective'><sampler type='lhs'/><film type='ldrfilm'><boolean name='banner' value='false'/>\
+         <float name='gamma' value='2.2'/></film></sensor>\n\
+         {LIGHT}{BALL}"
+    );
+    let notes: Vec<String> = scene(&body).notes.iter().map(ToString::to_string).collect();
+    for expected in [
+        "the parameter `spp` is used nowhere",
+        "main.xml:2: <integrator type=\"moment\">: the integrator within it makes the picture",
+        "main.xml:2: <integrator type=\"volpath\">: of this integrator only `max_depth` is read",
+        "main.xml:3: <film type=\"ldrfilm\">: the picture is written in this program's own formats",
+        "main.xml:3: <film type=\"ldrfilm\">: `banner`, `gamma` change nothing in the picture",
+        "main.xml:3: <sampler type=\"lhs\">: the renderer has its own random numbers: only `sample_count` is read",
+    ] {
+        assert!(
+            notes.iter().any(|note| note.contains(expected)),
+            "{expected}: {notes:#?}"
+        );
+    }
+    assert_eq!(notes.len(), 6, "{notes:#?}");
+    assert!(scene(&format!("{LIGHT}{BALL}")).notes.is_empty());
+}
+
+/// What programs beside Mitsuba write, and builds of it that have more: it is left out or replaced, with a word.
+#[test]
+fn what_other_programs_write_is_left_out_or_replaced() {
+    let film = |plugin: &str| format!("<sensor type='perspective'><film type='{plugin}'/></sensor>");
+    for (body, expected) in [
+        (
+            "<viewer><float name='zoom' value='2'/></viewer>",
+            "the element <viewer> is not known here and left out",
+        ),
+        ("MATERIAL", "the text `MATERIAL` within <scene> is left out"),
+        (
+            "<shape type='sphere'><bsdf type='bigbtf'><rgb name='reflectance' value='0.2'/></bsdf></shape>",
+            "<bsdf>: the type `bigbtf` is not known here: it is rendered as `diffuse`",
+        ),
+        (
+            "<shape type='torusknot'/>",
+            "<shape>: the type `torusknot` is not known here: the shape is left out",
+        ),
+        (
+            "<emitter type='firefly'/>",
+            "<emitter>: the type `firefly` is not known here: the light is left out",
+        ),
+        (
+            "<shape type='sphere'><bsdf type='diffuse'><texture type='voronoi' name='reflectance'/></bsdf></shape>",
+            "<texture>: the type `voronoi` is not known here: an even grey of 0.5",
+        ),
+        (
+            &film("transient_hdr_film"),
+            "<film>: the type `transient_hdr_film` is not known here: the picture is",
+        ),
+        (
+            "<emitter type='area'/>",
+            "<emitter type=\"area\">: no shape uses this area light, which is left out",
+        ),
+        (
+            "<shape type='sphere'><bsdf type='diffuse'><rgb name='reflectance' value='1.5 0.5 0'/></bsdf></shape>",
+            "`reflectance`: no surface reflects more than arrives: what is above 1 counts as 1",
+        ),
+    ] {
+        let camera = match body.contains("<sensor") {
+            true => "",
+            false => "<sensor type='perspective'/>",
+        };
+        let warned = warnings(&scene(&format!("{body}{camera}{LIGHT}{BALL}")));
+        assert!(
+            warned.len() == 1 && warned[0].contains(expected),
+            "{expected}: {warned:?}"
+        );
+    }
+    // Misspelt names are told as errors: what they stand for can be had.
+    for wrong in [
+        "<shpae type='sphere'/>",
+        "<shape type='shpere'/>",
+        "<emitter type='piont'/>",
+    ] {
+        let faults = load(&format!("{wrong}{LIGHT}{BALL}"), None).unwrap_err();
+        assert!(faults.to_string().contains("did you mean"), "{faults}");
+    }
+    let capital = format!("<sensor type='Perspective'/>{LIGHT}<shape type='Sphere'/>");
+    assert!(warnings(&scene(&capital)).is_empty());
+}
+
+/// Mitsuba 2 and 3 write spectra as objects, too: they are what the properties are.
+#[test]
+fn spectra_may_be_objects() {
+    for (object, property) in [
+        (
+            "<spectrum type='d65' name='radiance'><float name='scale' value='3'/></spectrum>",
+            "<rgb name='radiance' value='3'/>",
+        ),
+        (
+            "<spectrum type='blackbody' name='radiance'><float name='temperature' value='4000'/></spectrum>",
+            "<blackbody name='radiance' temperature='4000'/>",
+        ),
+        (
+            "<texture type='irregular' name='radiance'><string name='wavelengths' value='400, 500, 700'/>\
+             <string name='values' value='1, 3, 2'/></texture>",
+            "<spectrum name='radiance' value='400:1, 500:3, 700:2'/>",
+        ),
+        (
+            "<spectrum type='regular' name='radiance'><float name='wavelength_min' value='400'/>\
+             <integer name='wavelength_max' value='700'/><string name='values' value='1 2 4'/></spectrum>",
+            "<spectrum name='radiance' value='400:1, 550:2, 700:4'/>",
+        ),
+    ] {
+        assert_eq!(radiance(object), radiance(property), "{object}");
+    }
+    let (grey, warned) = material(
+        "<bsdf type='diffuse'><spectrum type='checkerboard' name='reflectance'><rgb name='color0' value='0.3'/></spectrum></bsdf>",
+    );
+    assert!(
+        matches!(grey, Material::Diffuse { .. }) && warned.is_empty(),
+        "{warned:?}"
+    );
+    for (wrong, expected) in [
+        (
+            "<spectrum type='blackbody' name='radiance'/>",
+            "<spectrum type=\"blackbody\"> `temperature`: it is missing",
+        ),
+        (
+            "<spectrum type='irregular' name='radiance'><string name='wavelengths' value='400 500'/><string name='values' value='1'/></spectrum>",
+            "`values`: there are 1 for 2 wavelengths",
+        ),
+    ] {
+        let faults = load(&format!("<emitter type='constant'>{wrong}</emitter>{BALL}"), None).unwrap_err();
+        assert!(faults.to_string().contains(expected), "{faults}");
+    }
+}
+
+/// Films and samplers that stand in the scene are for sensors to refer to.
+#[test]
+fn parts_of_sensors_may_stand_in_the_scene() {
+    let scene = scene(&format!(
+        "<film type='hdrfilm' id='film'><integer name='width' value='9'/></film><sampler type='independent' id='sampler'/>\
+         <sensor type='perspective'><ref id='film'/><ref id='sampler'/></sensor>{LIGHT}{BALL}"
+    ));
+    assert_eq!((warnings(&scene), scene.film.resolution), (Vec::new(), [9, 576]));
+}
+
+/// Files from before 0.4 have lights and cameras by other names, and pictures that are mirrored.
+#[test]
+fn scenes_from_before_0_4_are_brought_up_to_date() {
+    let old = "<camera type='perspective'><transform name='toWorld'><translate x='1'/></transform></camera>\
+               <luminaire type='constant'><rgb name='intensity' value='0.5'/></luminaire>";
+    let new = "<sensor type='perspective'><string name='fovAxis' value='smaller'/>\
+               <transform name='toWorld'><scale x='-1'/><translate x='1'/></transform></sensor>\
+               <emitter type='constant'><rgb name='radiance' value='0.5'/></emitter>";
+    let [old, new] = [old, new].map(|body| scene(&format!("{body}{BALL}")));
+    assert_eq!(warnings(&old), Vec::<String>::new());
+    assert_eq!(old.sensor.to_world.matrix(), new.sensor.to_world.matrix());
+    let projection = |scene: &Scene| format!("{:?}", scene.sensor.projection);
+    assert_eq!(projection(&old), projection(&new));
+    let seen = |scene: &Scene| scene.lights.background(crate::math::Vec3::X).to_rgb();
+    assert_eq!(seen(&old), seen(&new));
+}
+
 /// What changes it is told, each with its line, and once however often it is said.
 #[test]
 fn what_changes_the_picture_is_warned_about() {

@@ -1,10 +1,12 @@
 //! Sensors of scenes: crops, windows, meters and the camera that looks everywhere.
 
 use super::{BALL, LIGHT, load, warnings};
+use crate::integrator::bandwidth;
 use crate::math::{Vec2, Vec3};
 use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
 use crate::sensor::{Projection, Sensor};
+use crate::settings::{IntegratorSettings, PppmSettings};
 
 fn scene(sensor: &str) -> Scene {
     load(&format!("{LIGHT}{sensor}{BALL}"), None).unwrap_or_else(|faults| panic!("{sensor}\n{faults}"))
@@ -55,6 +57,12 @@ fn a_crop_is_cut_out_of_the_picture() {
         );
         let footprints = [&whole, &part].map(|scene| scene.sensor.pixel_footprint(3.0));
         assert!((footprints[0] / footprints[1] - 1.0).abs() < 1e-5);
+        let widths =
+            [&whole, &part].map(|scene| bandwidth(scene, &IntegratorSettings::Pppm(PppmSettings::default()), 1));
+        assert_eq!(
+            widths[0], widths[1],
+            "kernels are as wide as those of the whole picture"
+        );
     }
 }
 
@@ -117,8 +125,12 @@ fn meters_and_the_spherical_camera_are_built() {
             "put it inside a <shape",
         ),
         (
-            "<shape type='sphere'><sensor type='irradiancemeter'/></shape>".to_owned(),
-            "it can lie on a `rectangle`",
+            "<shape type='sphere'><sensor type='irradiancemeter'><film type='hdrfilm'/></sensor></shape>".to_owned(),
+            "its film has 1 x 1 pixels",
+        ),
+        (
+            "<shape type='merge'><sensor type='irradiancemeter'/></shape>".to_owned(),
+            "on a shape of type `merge`",
         ),
         (
             "<shape type='rectangle'><sensor type='perspective'/></shape>".to_owned(),
@@ -134,6 +146,13 @@ fn meters_and_the_spherical_camera_are_built() {
     ] {
         let faults = load(&format!("{LIGHT}{wrong}"), None).unwrap_err();
         assert!(faults.to_string().contains(expected), "{wrong}: {faults}");
+    }
+    let batch = scene("<sensor type='batch'><sensor type='spherical'/></sensor>");
+    assert!(matches!(batch.sensor.projection, Projection::Spherical) && warnings(&batch).is_empty());
+    for (plugin, parallel) in [("codedOrthographic", true), ("tofcamera", false)] {
+        let other = scene(&format!("<sensor type='{plugin}'/>"));
+        assert!(warnings(&other)[0].contains("is not known here: it is rendered as"));
+        assert_eq!(matches!(other.sensor.projection, Projection::Orthographic), parallel);
     }
     let distorted = scene("<sensor type='perspective_rdist'><string name='kc' value='0.1, 0'/></sensor>");
     assert!(warnings(&distorted)[0].contains("does not distort"));

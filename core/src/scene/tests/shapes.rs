@@ -331,7 +331,7 @@ fn cylinders_that_shine_are_even_or_meshes() {
         );
         warnings(&load(&body, None).unwrap())
             .join("\n")
-            .contains("as a light it is a mesh of 256 triangles")
+            .contains("it is a mesh of 256 triangles")
     };
     let still = |map: &str| told(&format!("<transform name='to_world'>{map}</transform>"));
     let moving = |map: &str| {

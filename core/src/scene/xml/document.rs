@@ -1,6 +1,6 @@
 //! One XML file: its text, and the lines of its nodes.
 
-use super::super::error::{Place, SceneError, shortened, within};
+use super::super::error::{Place, SceneError, within};
 use super::super::limits::Limits;
 use super::super::loader::LoadedFile;
 use super::super::text;
@@ -116,19 +116,11 @@ impl Document {
         }
     }
 
-    /// Refuses text that is not white space: the format has none.
-    pub(super) fn no_text(&self, node: Node, parent: &str) -> Result<(), SceneError> {
-        match node.text().filter(|text| node.is_text() && !text.trim().is_empty()) {
-            Some(text) => {
-                let reason = format!("text `{}` within <{parent}>", shortened(text.trim()));
-                let blank = text.len() - text.trim_start().len();
-                Err(SceneError::Xml {
-                    place: self.place_at(node.range().start + blank),
-                    reason,
-                })
-            }
-            None => Ok(()),
-        }
+    /// Text that is not white space, with its place. The format has none.
+    pub(super) fn text<'a>(&self, node: Node<'a, '_>) -> Option<(Place, &'a str)> {
+        let text = node.text().filter(|text| node.is_text() && !text.trim().is_empty())?;
+        let blank = text.len() - text.trim_start().len();
+        Some((self.place_at(node.range().start + blank), text.trim()))
     }
 }
 

@@ -8,11 +8,12 @@ mod document;
 mod names;
 mod parameters;
 mod properties;
+mod spectra;
 mod transform;
 mod values;
 
 use super::description::{Child, Description, Kind, Object, ObjectId, Property, Value};
-use super::error::{Place, SceneError, nearest, within};
+use super::error::{Place, SceneError, nearest, shortened, within};
 use super::faults::Faults;
 use super::loader::{LoadedFile, Loader};
 use super::warning::Warnings;
@@ -53,6 +54,9 @@ pub(crate) fn read(
     if let Some(name) = reader.parameters.first_unnamed().filter(|_| !reader.incomplete) {
         let allowed = reader.parameters.names().filter(|n| !defines.contains_key(*n));
         faults.note(SceneError::unknown(&place, "definitions", "parameter", name, allowed))?;
+    }
+    for name in reader.parameters.unused() {
+        warnings.remark(&place, format!("the parameter `{}` is used nowhere", shortened(&name)));
     }
     reader.resolve()
 }
@@ -121,7 +125,12 @@ impl XmlReader<'_, '_> {
         let root = tree.root_element();
         let place = document.place(root);
         let mut attributes = self.attributes(&document, root, &["version", "type", "id", "name"])?;
-        if let Some(version) = attributes.take("version") {
+        // A file that holds one object may leave the version to the one that includes it.
+        let version = match root.has_tag_name("scene") {
+            true => attributes.take("version"),
+            false => attributes.given.remove("version"),
+        };
+        if let Some(version) = version {
             attributes.check(names::check_version(&place, &version));
             self.old_dialect = version.trim().starts_with("0.");
         }
@@ -182,16 +191,21 @@ impl XmlReader<'_, '_> {
             depth,
         };
         for child in node.children() {
-            let result = if child.is_element() {
-                self.element(context, child)
-            } else {
-                document.no_text(child, node.tag_name().name()).map_err(Into::into)
-            };
-            if let Err(faults) = result {
+            if !child.is_element() {
+                self.text(document, child, node.tag_name().name());
+            } else if let Err(faults) = self.element(context, child) {
                 self.note(parent, child, faults)?;
             }
         }
         Ok(())
+    }
+
+    /// Warns about text between elements, which Mitsuba skips.
+    fn text(&self, document: &Document, node: Node, parent: &str) {
+        if let Some((place, text)) = document.text(node) {
+            let message = format!("the text `{}` within <{parent}> is left out", shortened(text));
+            self.warnings.note(&place, message);
+        }
     }
 
     /// Notes the faults of an element within an object; the element counts as left out.
@@ -216,7 +230,12 @@ impl XmlReader<'_, '_> {
             u64::from(context.depth),
             u64::from(self.limits().depth),
         )?;
-        if let Some((_, kind)) = Kind::ELEMENTS.iter().find(|(element, _)| *element == name) {
+        // With a type a spectrum is an object.
+        if name == "spectrum" && node.has_attribute("type") {
+            return self.object(context, node, Kind::Texture);
+        }
+        let of_today = names::element(name);
+        if let Some((_, kind)) = Kind::ELEMENTS.iter().find(|(element, _)| *element == of_today) {
             return self.object(context, node, *kind);
         }
         match name {
@@ -230,6 +249,14 @@ impl XmlReader<'_, '_> {
             // Of a program of old that wrote Mitsuba's format; nothing in the picture hangs on them.
             "hide" | "mode" => {
                 self.warnings.note(&place, format!("<{name}> is left out"));
+                return Ok(());
+            }
+            _ if !names::is_other_element(name) => {
+                if let Some(misspelt) = names::misspelt_element(&place, name) {
+                    return Err(misspelt.into());
+                }
+                let message = format!("the element <{}> is not known here and left out", shortened(name));
+                self.warnings.note(&place, message);
                 return Ok(());
             }
             _ => {
@@ -268,7 +295,8 @@ impl XmlReader<'_, '_> {
             self.objects[context.parent].children.push(child);
         }
         let search = self.objects[context.parent].search.clone();
-        let mut object = Object::new(kind, &plugin.unwrap_or_default(), None, place, search);
+        let plugin = names::plugin(&plugin.unwrap_or_default());
+        let mut object = Object::new(kind, &plugin, None, place, search);
         if self.old_dialect {
             names::mark_old_dialect(&mut object);
         }
@@ -277,7 +305,36 @@ impl XmlReader<'_, '_> {
         if !attributes.faults.is_empty() {
             self.note(context.parent, node, attributes.faults.into())?;
         }
-        Ok(self.children(context.document, node, id, context.depth + 1)?)
+        self.children(context.document, node, id, context.depth + 1)?;
+        names::upgrade(node.tag_name().name(), &mut self.objects[id]);
+        Ok(self.settle_spectrum(context.parent, id)?)
+    }
+
+    /// Makes a texture that is a spectrum, and has a name, a property of the object that it belongs to.
+    fn settle_spectrum(&mut self, parent: ObjectId, id: ObjectId) -> Result<(), SceneError> {
+        let object = &self.objects[id];
+        let Some(name) = self.objects[parent]
+            .children
+            .last()
+            .filter(|child| child.target == id)
+            .and_then(|child| child.name.clone())
+        else {
+            return Ok(());
+        };
+        if object.kind != Kind::Texture {
+            return Ok(());
+        }
+        let place = object.place.clone();
+        let value = match spectra::value(object) {
+            None => return Ok(()),
+            Some(Ok(value)) => value,
+            Some(Err((property, reason))) => {
+                let field = format!("<spectrum type=\"{}\"> `{property}`", object.plugin);
+                return Err(SceneError::value(&place, field, reason));
+            }
+        };
+        self.objects[parent].children.pop();
+        self.set(parent, &place, &name, value)
     }
 
     fn define_id(&mut self, place: &Place, id: String, object: ObjectId) -> Result<(), SceneError> {
@@ -405,7 +462,8 @@ impl XmlReader<'_, '_> {
                 let (place, child) = (document.place(child), child.tag_name().name());
                 return Err(SceneError::unknown(&place, format!("<{name}>"), "element", child, []));
             }
-            document.no_text(child, name)
+            self.text(document, child, name);
+            Ok(())
         };
         let faults: Vec<SceneError> = node.children().filter_map(|child| fault(child).err()).collect();
         if faults.is_empty() { Ok(()) } else { Err(faults.into()) }

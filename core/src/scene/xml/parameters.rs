@@ -1,5 +1,6 @@
 //! Parameters: `<default name="spp" value="16"/>`, used as `$spp` inside any attribute's value.
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Values of parameters. Those given from outside win over the file's `<default>`s.
@@ -8,6 +9,8 @@ pub(super) struct Parameters {
     values: BTreeMap<String, String>,
     /// Names given from outside that no `<default>` has named yet.
     unnamed: BTreeSet<String>,
+    /// Names that some value was filled in for.
+    used: RefCell<BTreeSet<String>>,
 }
 
 /// The longest name of a parameter [characters].
@@ -27,6 +30,7 @@ impl Parameters {
         Self {
             values: defines.clone(),
             unnamed: defines.keys().cloned().collect(),
+            used: RefCell::default(),
         }
     }
 
@@ -38,6 +42,16 @@ impl Parameters {
     /// A name given from outside that no `<default>` names.
     pub(super) fn first_unnamed(&self) -> Option<&str> {
         self.unnamed.first().map(String::as_str)
+    }
+
+    /// Parameters that nothing uses.
+    pub(super) fn unused(&self) -> Vec<String> {
+        let used = self.used.borrow();
+        self.values
+            .keys()
+            .filter(|name| !used.contains(*name))
+            .cloned()
+            .collect()
     }
 
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
@@ -60,6 +74,9 @@ impl Parameters {
                     .longest(after)
                     .ok_or_else(|| FillError::Undefined(identifier(after)))?;
                 filled.push_str(value);
+                if !self.used.borrow().contains(name) {
+                    self.used.borrow_mut().insert(name.to_owned());
+                }
                 rest = &after[name.len()..];
             }
             if filled.len() > max_bytes {

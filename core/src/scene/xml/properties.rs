@@ -13,7 +13,7 @@ use roxmltree::Node;
 impl XmlReader<'_, '_> {
     /// The name and the value of a property's element.
     pub(super) fn property(&mut self, context: Context, node: Node) -> Result<(String, Value), ElementFaults> {
-        let (document, place, element) = (context.document, context.document.place(node), node.tag_name().name());
+        let (document, element) = (context.document, node.tag_name().name());
         if element == "point" || element == "vector" {
             return self.vector(document, node);
         }
@@ -22,10 +22,6 @@ impl XmlReader<'_, '_> {
         }
         if element == "blackbody" {
             return self.blackbody(context.document, node);
-        }
-        let scalar = ["float", "integer", "boolean", "string", "rgb", "srgb"];
-        if !scalar.contains(&element) {
-            return Err(names::unknown_element(&place, element).into());
         }
         let mut attributes = self.attributes(document, node, &["name", "value"])?;
         let (name, text) = (attributes.take("name"), attributes.take("value"));
@@ -140,8 +136,8 @@ impl XmlReader<'_, '_> {
             let operation = if child.is_element() {
                 self.operation(context, child, &total)
             } else {
-                let text = context.document.no_text(child, "transform");
-                text.map(|()| total).map_err(Into::into)
+                self.text(context.document, child, "transform");
+                Ok(total)
             };
             match operation {
                 Ok(map) => total = map,
@@ -157,13 +153,13 @@ impl XmlReader<'_, '_> {
         let name = attributes.take("name");
         let mut keyframes = Vec::new();
         for child in node.children() {
-            let keyframe = if child.is_element() {
-                self.keyframe(context, child).map(|keyframe| keyframes.push(keyframe))
-            } else {
-                context.document.no_text(child, "animation").map_err(Into::into)
-            };
-            if let Err(faults) = keyframe {
-                attributes.faults.extend(faults.into_list());
+            if !child.is_element() {
+                self.text(context.document, child, "animation");
+                continue;
+            }
+            match self.keyframe(context, child) {
+                Ok(keyframe) => keyframes.push(keyframe),
+                Err(faults) => attributes.faults.extend(faults.into_list()),
             }
         }
         keyframes.sort_by(|(a, _, _), (b, _, _)| a.total_cmp(b));
@@ -184,7 +180,9 @@ impl XmlReader<'_, '_> {
         };
         let keyframes = keyframes.into_iter().map(|(time, map, _)| (time, map)).collect();
         let animation = AnimatedTransform::new(keyframes).ok_or_else(|| SceneError::value(&place, field, reason))?;
-        Ok(self.set(context.parent, &place, &name, Value::Animation(animation))?)
+        // Mitsuba's own scenes of motion call it so.
+        let name = if name == "animation" { "to_world" } else { &name };
+        Ok(self.set(context.parent, &place, name, Value::Animation(animation))?)
     }
 
     /// A `<transform>` within an `<animation>`: its time, its map and its place.

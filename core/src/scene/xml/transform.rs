@@ -110,7 +110,7 @@ impl Reader<'_> {
     fn matrix(&mut self) -> Option<DMat4> {
         let numbers = self.required("value", values::floats)?;
         if let Ok(rows) = <[f64; 16]>::try_from(numbers.as_slice()) {
-            return Some(DMat4::from_cols_array(&rows).transpose());
+            return Some(affine(DMat4::from_cols_array(&rows).transpose()));
         }
         if let Ok(rows) = <[f64; 9]>::try_from(numbers.as_slice()) {
             return Some(DMat4::from_mat3(DMat3::from_cols_array(&rows).transpose()));
@@ -152,6 +152,16 @@ impl Reader<'_> {
             origin.extend(1.0),
         ))
     }
+}
+
+/// The matrix with 0 0 0 1 as its last row, where that is what it holds but for the rounding of the program that wrote it.
+fn affine(matrix: DMat4) -> DMat4 {
+    if !matrix.row(3).abs_diff_eq(DVec4::W, 1e-5) {
+        return matrix;
+    }
+    let mut rows = matrix.transpose();
+    rows.w_axis = DVec4::W;
+    rows.transpose()
 }
 
 fn any_perpendicular(v: DVec3) -> DVec3 {
@@ -211,6 +221,18 @@ mod tests {
         )
         .unwrap();
         assert!(near(m.point(Vec3::ZERO), Vec3::new(5.0, 6.0, 7.0)));
+    }
+
+    #[test]
+    fn the_last_row_of_a_matrix_may_be_rounded() {
+        let matrix = |row: &str| {
+            let value = format!("1 0 0 5 0 1 0 6 0 0 1 7 {row}");
+            operation("matrix", &attributes(&[("value", &value)]), false)
+        };
+        let m = matrix("-0.0 1e-9 0 1.000000238418579").unwrap();
+        assert_eq!(m.matrix().row(3), DVec4::W);
+        assert_eq!(m.point(Vec3::ZERO), Vec3::new(5.0, 6.0, 7.0));
+        assert!(matrix("0 0 0 2").is_err() && matrix("0 0 0.1 1").is_err());
     }
 
     #[test]

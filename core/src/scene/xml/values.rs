@@ -138,7 +138,7 @@ fn pairs(file: &LoadedFile, faults: &mut FileFaults) -> Result<Vec<(f64, f64)>, 
     Ok(pairs)
 }
 
-fn sampled(pairs: Vec<(f64, f64)>) -> Result<SpectrumValue, String> {
+pub(super) fn sampled(pairs: Vec<(f64, f64)>) -> Result<SpectrumValue, String> {
     if pairs.len() < 2 {
         return Err("a spectrum needs one value or at least two `wavelength:value` pairs".into());
     }

@@ -9,7 +9,7 @@ use super::Builder;
 use crate::scene::description::{Kind, ObjectId, Property, SpectrumValue, Value};
 use crate::scene::error::{SceneError, within};
 use crate::scene::reader::{Colour, Reader};
-use crate::scene::spectrum::{BRIGHTEST, LARGEST_CONSTANT, Use, to_rgb};
+use crate::scene::spectrum::{BRIGHTEST, LARGEST_CONSTANT, Use, is_of_bytes, to_rgb};
 use crate::spectrum::Spectrum;
 use crate::texture::{Pattern, Texture};
 use std::collections::BTreeMap;
@@ -17,6 +17,9 @@ use std::ops::RangeInclusive;
 
 /// The most textures that one texture is made of, each use counted: all of them are looked up at every hit.
 const MOST_PARTS: u64 = 256;
+
+/// What is rendered in the place of textures that do not exist here.
+const GREY: &str = "an even grey of 0.5 stands in for it";
 
 /// What a texture is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -207,14 +210,16 @@ impl Builder<'_, '_> {
             "uniform" | "rawconstant" => self.even(reader, "value", role)?,
             "srgb" => self.even(reader, "color", role)?,
             "volume" | "wireframe" | "curvature" => {
-                let without = "this type does not exist yet: an even grey of 0.5 stands in for it";
-                reader.warn(reader.place(), without);
+                reader.warn(reader.place(), format_args!("{GREY}: this type does not exist here"));
                 reader.accept_rest();
                 Texture::Constant(Spectrum::splat(0.5))
             }
             _ => match self.pattern(reader, role)? {
                 Some(pattern) => pattern,
-                None => return Err(reader.unknown_type(&pattern::SUPPORTED)),
+                None => {
+                    reader.other_type(&pattern::SUPPORTED, GREY)?;
+                    Texture::Constant(Spectrum::splat(0.5))
+                }
             },
         };
         reader.finish();
@@ -262,13 +267,33 @@ pub(super) fn scaled(texture: Texture, factor: f32) -> Texture {
 
 /// The property `name` as a colour.
 pub(super) fn colour(reader: &Reader, name: &str, used: Use) -> Result<Option<Spectrum>, SceneError> {
-    let Some(colour) = reader.colour(name)? else {
+    let Some(mut colour) = reader.colour(name)? else {
         return Ok(None);
     };
+    if used == Use::Reflectance && cut_at_one(&mut colour) {
+        reader.warn_of(
+            name,
+            "no surface reflects more than arrives: what is above 1 counts as 1",
+        );
+    }
     match to_rgb(&colour, used) {
         Ok(rgb) => Ok(Some(rgb)),
         Err(reason) => reader.fault(reader.wrong(name, reason)).map(|()| None),
     }
+}
+
+/// Cuts a colour of numbers off at 1; whether there was something above. Colours of bytes are left to the error that says so.
+fn cut_at_one(colour: &mut Colour) -> bool {
+    let channels = match colour {
+        Colour::Number(value) | Colour::Spectrum(SpectrumValue::Uniform(value)) => std::slice::from_mut(value),
+        Colour::Rgb(channels) => channels.as_mut_slice(),
+        Colour::Spectrum(SpectrumValue::Sampled(_)) => return false,
+    };
+    if is_of_bytes(channels) || channels.iter().all(|channel| *channel <= 1.0) {
+        return false;
+    }
+    channels.iter_mut().for_each(|channel| *channel = channel.min(1.0));
+    true
 }
 
 /// The property `name` as a colour that must not be black, or the same `default` in every channel.

@@ -59,6 +59,7 @@ impl Builder<'_, '_> {
         let pattern = match plugin {
             "checkerboard" => return self.checkerboard(reader, role).map(Some),
             "gridtexture" => {
+                reader.ignore(&["filter_type", "max_anisotropy"]);
                 let grid = Pattern::Grid {
                     ground: self.colour_or_texture(reader, "color0", role, 0.2)?,
                     line: self.colour_or_texture(reader, "color1", role, 0.4)?,
@@ -205,10 +206,11 @@ fn direction(reader: &Reader) -> Result<Vec3, SceneError> {
 
 /// The first two rows of `to_uv`, or the scale and offset of the 0.x dialect.
 pub(super) fn uv_transform(reader: &Reader) -> Result<UvTransform, SceneError> {
+    let both = reader.float("uvscale", ANY)?;
     let scale = ["uscale", "vscale"].map(|name| reader.float(name, ANY));
     let offset = ["uoffset", "voffset"].map(|name| reader.float(name, ANY));
     let ([u_scale, v_scale], [u_offset, v_offset]) = (scale, offset);
-    let (scale, offset) = ([u_scale?, v_scale?], [u_offset?, v_offset?]);
+    let (scale, offset) = ([u_scale?.or(both), v_scale?.or(both)], [u_offset?, v_offset?]);
     let old = scale.iter().chain(&offset).any(Option::is_some);
     let matrix = match reader.transform("to_uv")? {
         Some(_) if old => return Err(reader.wrong("to_uv", "it cannot be combined with uscale, voffset and the like")),
