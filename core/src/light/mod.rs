@@ -105,6 +105,8 @@ pub enum Light {
         shape: ShapeId,
         /// Radiance, by the shape's texture coordinates.
         radiance: Texture,
+        /// Whether its inner side emits as well.
+        two_sided: bool,
     },
     /// `intensity` [W/sr] in every direction from `position`.
     Point {
@@ -113,7 +115,7 @@ pub enum Light {
         /// Radiant intensity [W/sr].
         intensity: Spectrum,
     },
-    /// Mitsuba's `spot`: full intensity within `beam_width`, falling linearly in angle to zero at `cutoff_angle` [radians].
+    /// A spot: full intensity within `beam_width`, falling to zero at `cutoff_angle` [radians].
     Spot {
         /// Maps the origin to the light's place and +z to its axis.
         to_world: Transform,
@@ -123,6 +125,8 @@ pub enum Light {
         cutoff_angle: f32,
         /// Angle from the axis up to which intensity is full [radians].
         beam_width: f32,
+        /// How it falls from there.
+        falloff: Falloff,
         /// Factor on the intensity, which the square about the cone on the plane before the light shows; of a cone below a right angle.
         texture: Option<Texture>,
     },
@@ -137,7 +141,7 @@ pub enum Light {
         /// Factor on the image.
         scale: f32,
     },
-    /// Mitsuba's `projector`: an image thrown from a point.
+    /// A slide projector: an image thrown from a point.
     Projector {
         /// Maps the origin to the light's place and +z to its axis; it moves, turns and mirrors only.
         to_world: Transform,
@@ -145,10 +149,12 @@ pub enum Light {
         fov_x: f32,
         /// Width of the image over its height.
         aspect: f32,
-        /// Radiance of a white diffuse surface that faces the light at distance 1 [W/(m^2 sr)], before scaling.
+        /// What is as bright as `even` says, before scaling.
         image: Texture,
         /// Factor on the image.
         scale: f32,
+        /// What the image's values are.
+        even: Even,
     },
     /// `irradiance` [W/m^2] on a surface facing it, travelling along the unit vector `direction`.
     Directional {
@@ -184,6 +190,26 @@ pub enum Light {
     },
 }
 
+/// How the intensity of a spot falls between its beam and the edge of its cone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Falloff {
+    /// Linearly in the angle, as Mitsuba's.
+    Linear,
+    /// By the cubic `3 x^2 - 2 x^3` of the share `x` of the cosine's way from the edge to the beam, as pbrt-v4's.
+    SmoothStep,
+    /// By the fourth power of that share, as pbrt-v3's.
+    FourthPower,
+}
+
+/// What shows the image of a projector as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Even {
+    /// A white diffuse surface on the plane at distance 1, as Mitsuba's: the values are its radiance [W/(m^2 sr)].
+    Plane,
+    /// The directions, as pbrt's: the values are intensities [W/sr].
+    Directions,
+}
+
 /// How an image shows all directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mapping {
@@ -214,13 +240,49 @@ pub struct Lights {
 /// A light with what sampling it takes.
 #[derive(Clone, Debug)]
 enum Source {
-    Area { sampler: ShapeSampler, radiance: Texture },
+    Area(Area),
     Point { position: Vec3, intensity: Spectrum },
     Spot(Spot),
     Projector(Projector),
     Goniometric(Box<Goniometric>),
     Directional { direction: Vec3, irradiance: Spectrum },
     Background(Background),
+}
+
+/// A shape that emits.
+#[derive(Clone, Debug)]
+struct Area {
+    sampler: ShapeSampler,
+    radiance: Texture,
+    two_sided: bool,
+}
+
+impl Area {
+    /// Area of the sides that emit [scene units squared].
+    fn emitting(&self) -> f32 {
+        match self.two_sided {
+            true => 2.0 * self.sampler.area(),
+            false => self.sampler.area(),
+        }
+    }
+
+    /// Whether the surface emits along `wo`.
+    fn emits_along(&self, point: &SurfacePoint, wo: Vec3) -> bool {
+        self.two_sided || point.geometric_normal.dot(wo) > 0.0
+    }
+
+    /// A point uniform over the sides that emit; its normal is that of its side.
+    fn sample(&self, geometry: &Geometry, mut u: DVec2) -> Option<SurfacePoint> {
+        let inner = self.two_sided && u.x >= 0.5;
+        if self.two_sided {
+            u.x = 2.0 * u.x - f64::from(u8::from(inner));
+        }
+        let mut point = self.sampler.sample(geometry, u)?;
+        if inner {
+            point.geometric_normal = -point.geometric_normal;
+        }
+        Some(point)
+    }
 }
 
 /// A sphere around the scene: what distant lights shine through.
@@ -260,18 +322,27 @@ impl World {
 impl Source {
     fn new(light: Light, geometry: &Geometry) -> Self {
         match light {
-            Light::Area { shape, radiance } => Self::Area {
+            Light::Area {
+                shape,
+                radiance,
+                two_sided,
+            } => Self::Area(Area {
                 sampler: ShapeSampler::new(geometry, shape),
                 radiance,
-            },
+                two_sided,
+            }),
             Light::Point { position, intensity } => Self::Point { position, intensity },
             Light::Spot {
                 to_world,
                 intensity,
                 cutoff_angle,
                 beam_width,
+                falloff,
                 texture,
-            } => Self::Spot(Spot::new(&to_world, intensity, cutoff_angle, beam_width, texture)),
+            } => {
+                let angles = [beam_width, cutoff_angle];
+                Self::Spot(Spot::new(&to_world, intensity, angles, falloff, texture))
+            }
             Light::Goniometric {
                 to_world,
                 image,
@@ -287,7 +358,8 @@ impl Source {
                 aspect,
                 image,
                 scale,
-            } => Self::Projector(Projector::new(&to_world, fov_x, aspect, image, scale)),
+                even,
+            } => Self::Projector(Projector::new(&to_world, fov_x, aspect, image, scale, even)),
             Light::Directional { direction, irradiance } => Self::Directional { direction, irradiance },
             Light::Constant { radiance } => Self::Background(Background::Constant(radiance)),
             Light::Environment {
@@ -309,10 +381,10 @@ impl Source {
     /// The light where `to_world` puts it; that of a shape where the shape is in `geometry`.
     fn moved(&self, to_world: &Transform, geometry: &Geometry) -> Self {
         match self {
-            Self::Area { sampler, radiance } => Self::Area {
-                sampler: ShapeSampler::new(geometry, sampler.shape()),
-                radiance: radiance.clone(),
-            },
+            Self::Area(area) => Self::Area(Area {
+                sampler: ShapeSampler::new(geometry, area.sampler.shape()),
+                ..area.clone()
+            }),
             Self::Point { intensity, .. } => Self::Point {
                 position: to_world.point(Vec3::ZERO),
                 intensity: *intensity,
@@ -334,7 +406,7 @@ impl Source {
     /// Luminous part of the power that enters the scene.
     fn power(&self, world: &World) -> f32 {
         match self {
-            Self::Area { sampler, radiance } => radiance.mean().luminance() * PI * sampler.area(),
+            Self::Area(area) => area.radiance.mean().luminance() * PI * area.emitting(),
             Self::Point { intensity, .. } => intensity.luminance() * 4.0 * PI,
             Self::Spot(spot) => spot.power(),
             Self::Projector(projector) => projector.power(),
@@ -419,12 +491,12 @@ impl Lights {
         };
         let per_cross_section = 1.0 / self.world.cross_section();
         let sample = match &self.sources[index] {
-            Source::Area { sampler, radiance } => {
-                let towards = sampler.sample_towards(geometry, from, u)?;
-                if !emits_along(&towards.point, -towards.direction) {
+            Source::Area(area) => {
+                let towards = area.sampler.sample_towards(geometry, from, u)?;
+                if !area.emits_along(&towards.point, -towards.direction) {
                     return None;
                 }
-                let radiance = radiance.eval(&(&towards.point).into());
+                let radiance = area.radiance.eval(&(&towards.point).into());
                 let pdf = towards.pdf * probability;
                 LightSample {
                     wi: towards.direction,
@@ -432,7 +504,7 @@ impl Lights {
                     radiance,
                     pdf,
                     delta: false,
-                    arrival: FRAC_1_PI * probability / (sampler.area() * pdf),
+                    arrival: FRAC_1_PI * probability / (area.emitting() * pdf),
                 }
             }
             Source::Point { position, intensity } => {
@@ -483,8 +555,8 @@ impl Lights {
     #[must_use]
     pub fn pdf_area(&self, _geometry: &Geometry, light: LightId, from: Vec3, hit: &SurfacePoint) -> f32 {
         match &self.sources[light.0 as usize] {
-            Source::Area { sampler, .. } if emits_along(hit, from - hit.position) => {
-                sampler.pdf_towards(from, hit) * self.probabilities[light.0 as usize]
+            Source::Area(area) if area.emits_along(hit, from - hit.position) => {
+                area.sampler.pdf_towards(from, hit) * self.probabilities[light.0 as usize]
             }
             _ => 0.0,
         }
@@ -494,7 +566,7 @@ impl Lights {
     #[must_use]
     pub fn emitted(&self, light: LightId, hit: &SurfacePoint, wo: Vec3) -> Spectrum {
         match &self.sources[light.0 as usize] {
-            Source::Area { radiance, .. } if emits_along(hit, wo) => radiance.eval(&hit.into()),
+            Source::Area(area) if area.emits_along(hit, wo) => area.radiance.eval(&hit.into()),
             _ => Spectrum::ZERO,
         }
     }
@@ -536,15 +608,15 @@ impl Lights {
             pdf_direction,
         };
         let sample = match &self.sources[index] {
-            Source::Area { sampler, radiance } => {
-                let point = sampler.sample(geometry, u_position)?;
+            Source::Area(area) => {
+                let point = area.sample(geometry, u_position)?;
                 let local = square_to_cosine_hemisphere(direction);
                 let direction = Frame::from_normal(point.geometric_normal).to_world(local).normalize();
                 EmissionSample {
                     ray: point.ray_towards(direction),
-                    flux: radiance.eval(&(&point).into()) * (PI * sampler.area()) / probability,
+                    flux: area.radiance.eval(&(&point).into()) * (PI * area.emitting()) / probability,
                     origin: Origin::Area(LightId(index as u32), point),
-                    pdf_position: probability / sampler.area(),
+                    pdf_position: probability / area.emitting(),
                     pdf_direction: FRAC_1_PI * point.geometric_normal.dot(direction).max(0.0),
                 }
             }
@@ -608,11 +680,12 @@ impl Lights {
         }
     }
 
-    /// Density with which [`Self::sample_emission`] starts at a point of the area light `light` [1/unit^2], the choice of light included.
+    /// Density with which [`Self::sample_emission`] starts at a point of the area light `light`, on a side of it [1/unit^2], the choice
+    /// of light included.
     #[must_use]
     pub fn pdf_emission_position(&self, light: LightId) -> f32 {
         match &self.sources[light.0 as usize] {
-            Source::Area { sampler, .. } => self.probabilities[light.0 as usize] / sampler.area(),
+            Source::Area(area) => self.probabilities[light.0 as usize] / area.emitting(),
             _ => 0.0,
         }
     }
@@ -646,9 +719,4 @@ fn shares(powers: &[f64]) -> Vec<f64> {
         }
     };
     powers.iter().map(share).collect()
-}
-
-/// Whether the outer side of the surface looks along `wo`.
-fn emits_along(point: &SurfacePoint, wo: Vec3) -> bool {
-    point.geometric_normal.dot(wo) > 0.0
 }

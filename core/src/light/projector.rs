@@ -1,11 +1,12 @@
 //! A slide projector.
 
+use super::Even;
 use crate::geometry::Ray;
-use crate::math::{Frame, PI, Transform, Vec2, Vec3, tan};
+use crate::math::{Frame, PI, Transform, Vec2, Vec3, atan2, tan};
 use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TexturePoint};
 
-/// A point light that throws an image, as Mitsuba's `projector`: a white diffuse surface on the plane at distance 1 shows it.
+/// A point light that throws an image.
 #[derive(Clone, Debug)]
 pub(super) struct Projector {
     position: Vec3,
@@ -16,12 +17,13 @@ pub(super) struct Projector {
     image: Texture,
     /// Factor on the image.
     scale: f32,
+    even: Even,
 }
 
 impl Projector {
     /// `to_world` moves, turns and mirrors only; `fov_x` [radians] is the angle that the image's width is seen under, and `aspect` its
     /// width over its height.
-    pub(super) fn new(to_world: &Transform, fov_x: f32, aspect: f32, image: Texture, scale: f32) -> Self {
+    pub(super) fn new(to_world: &Transform, fov_x: f32, aspect: f32, image: Texture, scale: f32, even: Even) -> Self {
         let half_width = tan(0.5 * fov_x);
         Self {
             position: to_world.point(Vec3::ZERO),
@@ -29,6 +31,7 @@ impl Projector {
             half_size: Vec2::new(half_width, half_width / aspect),
             image,
             scale,
+            even,
         }
     }
 
@@ -49,7 +52,10 @@ impl Projector {
     /// tilted by theta: its irradiance is the intensity times `cos^3 theta`.
     pub(super) fn intensity(&self, direction: Vec3) -> Spectrum {
         self.locate(direction)
-            .map_or(Spectrum::ZERO, |(uv, cos)| self.irradiance(uv) / (cos * cos * cos))
+            .map_or(Spectrum::ZERO, |(uv, cos)| match self.even {
+                Even::Plane => self.irradiance(uv) / (cos * cos * cos),
+                Even::Directions => self.shown(uv) * self.scale,
+            })
     }
 
     /// Solid-angle density of the directions of light paths [1/sr].
@@ -65,12 +71,21 @@ impl Projector {
             direction: self.frame.to_world(local).normalize(),
             max_distance: f32::INFINITY,
         };
-        (ray, self.irradiance(u) * self.area(), self.pdf_at(local.z))
+        let pdf = self.pdf_at(local.z);
+        let flux = match self.even {
+            Even::Plane => self.irradiance(u) * self.area(),
+            Even::Directions => self.shown(u) * (self.scale / pdf),
+        };
+        (ray, flux, pdf)
     }
 
-    /// Luminance of the power.
+    /// Luminance of the power; of an image that is even by directions, as if it were the same everywhere.
     pub(super) fn power(&self) -> f32 {
-        PI * self.scale * self.image.mean().luminance() * self.area()
+        let measure = match self.even {
+            Even::Plane => PI * self.area(),
+            Even::Directions => self.solid_angle(),
+        };
+        self.scale * self.image.mean().luminance() * measure
     }
 
     /// Where a direction meets the image, and its cosine with the axis; `None` beside the image.
@@ -81,13 +96,23 @@ impl Projector {
         inside.then_some((0.5 * (Vec2::ONE - at), local.z))
     }
 
-    /// Irradiance of the plane [W/unit^2]: that by which a white surface has the image's radiance.
-    fn irradiance(&self, uv: Vec2) -> Spectrum {
-        let at = TexturePoint {
+    /// What the image shows.
+    fn shown(&self, uv: Vec2) -> Spectrum {
+        self.image.eval(&TexturePoint {
             position: self.position,
             ..TexturePoint::of_uv(uv)
-        };
-        self.image.eval(&at) * (PI * self.scale)
+        })
+    }
+
+    /// Irradiance of the plane [W/unit^2]: that by which a white surface has the image's radiance.
+    fn irradiance(&self, uv: Vec2) -> Spectrum {
+        self.shown(uv) * (PI * self.scale)
+    }
+
+    /// Solid angle of the image [sr]: of a rectangle with the half sides a and b at distance 1, 4 arctan(a b / sqrt(1 + a^2 + b^2)).
+    fn solid_angle(&self) -> f32 {
+        let half = self.half_size;
+        4.0 * atan2(half.x * half.y, (1.0 + half.length_squared()).sqrt())
     }
 
     /// Area of the image on the plane.

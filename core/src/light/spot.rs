@@ -1,6 +1,7 @@
+use super::Falloff;
 use super::projector::axes;
 use crate::geometry::Ray;
-use crate::math::warp::Cone;
+use crate::math::warp::{Cone, one_minus_cos};
 use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2, tan};
 use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TexturePoint};
@@ -14,6 +15,7 @@ pub(super) struct Spot {
     intensity: Spectrum,
     cutoff_angle: f32,
     beam_width: f32,
+    falloff: Falloff,
     cone: Cone,
     slide: Option<Box<Slide>>,
 }
@@ -41,12 +43,12 @@ impl Slide {
 }
 
 impl Spot {
-    /// `texture` colours the light of a cone below a right angle.
+    /// The angles are those of the beam and of the cone; `texture` colours the light of a cone below a right angle.
     pub(super) fn new(
         to_world: &Transform,
         intensity: Spectrum,
-        cutoff_angle: f32,
-        beam_width: f32,
+        [beam_width, cutoff_angle]: [f32; 2],
+        falloff: Falloff,
         texture: Option<Texture>,
     ) -> Self {
         Self {
@@ -55,6 +57,7 @@ impl Spot {
             intensity,
             cutoff_angle,
             beam_width,
+            falloff,
             cone: Cone::of_angle(cutoff_angle),
             slide: texture.map(|texture| {
                 Box::new(Slide {
@@ -69,7 +72,8 @@ impl Spot {
     /// The light where `to_world` puts it.
     pub(super) fn moved(&self, to_world: &Transform) -> Self {
         let texture = self.slide.as_ref().map(|slide| slide.texture.clone());
-        Self::new(to_world, self.intensity, self.cutoff_angle, self.beam_width, texture)
+        let angles = [self.beam_width, self.cutoff_angle];
+        Self::new(to_world, self.intensity, angles, self.falloff, texture)
     }
 
     /// Solid-angle density of the directions of light paths [1/sr].
@@ -99,9 +103,20 @@ impl Spot {
     fn falloff(&self, local: Vec3) -> f32 {
         let theta = atan2(local.truncate().length(), local.z);
         if theta <= self.beam_width {
-            1.0
-        } else {
-            ((self.cutoff_angle - theta) / (self.cutoff_angle - self.beam_width)).max(0.0)
+            return 1.0;
+        }
+        let share = match self.falloff {
+            Falloff::Linear => (self.cutoff_angle - theta) / (self.cutoff_angle - self.beam_width),
+            Falloff::SmoothStep | Falloff::FourthPower => {
+                let [edge, beam] = [self.cutoff_angle, self.beam_width].map(one_minus_cos);
+                (edge - one_minus_cos(theta)) / (edge - beam)
+            }
+        };
+        let share = share.clamp(0.0, 1.0);
+        match self.falloff {
+            Falloff::Linear => share,
+            Falloff::SmoothStep => share * share * (3.0 - 2.0 * share),
+            Falloff::FourthPower => (share * share) * (share * share),
         }
     }
 
@@ -115,7 +130,13 @@ impl Spot {
         } else {
             1.0
         };
-        let part = 1.0 - libm::cos(0.5 * (cutoff + beam)) * sinc;
+        // The mean of the falloff over the cosines beyond the beam is the integral of its polynomial.
+        let by_cosine = |mean: f64| 1.0 - libm::cos(beam) + mean * (libm::cos(beam) - libm::cos(cutoff));
+        let part = match self.falloff {
+            Falloff::Linear => 1.0 - libm::cos(0.5 * (cutoff + beam)) * sinc,
+            Falloff::SmoothStep => by_cosine(0.5),
+            Falloff::FourthPower => by_cosine(0.2),
+        };
         let texture = self.slide.as_ref().map_or(Spectrum::ONE, |slide| slide.texture.mean());
         (self.intensity * texture).luminance() * TAU * part as f32
     }

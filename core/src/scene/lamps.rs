@@ -2,7 +2,7 @@
 
 use super::{Place, Scene, SceneWarning};
 use crate::geometry::{Geometry, ShapeSampler};
-use crate::light::Light;
+use crate::light::{Even, Light};
 use crate::math::warp::one_minus_cos;
 use crate::math::{PI, TAU};
 use crate::settings::IntegratorSettings;
@@ -34,12 +34,18 @@ impl Appearance {
             irradiance,
         };
         match light {
-            Light::Area { shape, radiance } => {
+            Light::Area { shape, radiance, .. } => {
                 let area = ShapeSampler::new(geometry, *shape).area();
                 seen(area / distance2, radiance.mean().luminance())
             }
             Light::Point { intensity, .. } | Light::Spot { intensity, .. } => point(intensity.luminance() / distance2),
-            Light::Projector { image, scale, .. } => point(PI * scale * image.mean().luminance() / distance2),
+            Light::Projector { image, scale, even, .. } => {
+                let intensity = match even {
+                    Even::Plane => PI * scale,
+                    Even::Directions => *scale,
+                };
+                point(intensity * image.mean().luminance() / distance2)
+            }
             Light::Directional { irradiance, .. } => point(irradiance.luminance()),
             Light::Constant { radiance } => seen(4.0 * PI, radiance.luminance()),
             Light::Environment { image, scale, .. } => {

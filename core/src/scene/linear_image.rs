@@ -51,6 +51,11 @@ pub(crate) enum Channel {
     Alpha,
     /// The luminance of the colour.
     Luminance,
+    /// The mean of the colour's channels.
+    Mean,
+    /// Alpha, encoded as the colour is, where some of the image is not opaque, and else the mean of the colour's channels: what pbrt-v4
+    /// takes for a number (`MIPMap::Bilerp`).
+    OpacityOrMean,
 }
 
 /// Pixels as a file has them.
@@ -79,16 +84,34 @@ enum Place {
     One,
     /// The luminance of the first three.
     Luminance,
+    /// The mean of the first three.
+    Mean,
 }
 
 impl Pixels {
+    /// Whether the last channel is that of opaque pixels everywhere.
+    fn is_opaque(&self) -> bool {
+        let channels = self.channels;
+        match &self.samples {
+            Samples::Bytes(bytes) => bytes.chunks_exact(channels).all(|p| p[channels - 1] == u8::MAX),
+            Samples::Words(words) => words.chunks_exact(channels).all(|p| p[channels - 1] == u16::MAX),
+            Samples::Floats(floats) => floats.chunks_exact(channels).all(|p| p[channels - 1] == 1.0),
+        }
+    }
+
     /// Decodes the channels that are asked for.
     pub(super) fn decode(self, reading: &Reading) -> LinearImage {
         let channels = self.channels;
         let coloured = channels >= 3;
-        let place = match reading.channel {
+        let asked = match reading.channel {
+            Channel::OpacityOrMean if channels == 4 && !self.is_opaque() => Channel::Alpha,
+            Channel::OpacityOrMean => Channel::Mean,
+            other => other,
+        };
+        let place = match asked {
             Channel::All if coloured => None,
             Channel::Luminance if coloured => Some(Place::Luminance),
+            Channel::Mean if coloured => Some(Place::Mean),
             Channel::Green if coloured => Some(Place::At(1)),
             Channel::Blue if coloured => Some(Place::At(2)),
             Channel::Alpha if channels.is_multiple_of(2) => Some(Place::At(channels - 1)),
@@ -107,7 +130,7 @@ impl Pixels {
                     None => Texels::ColourBytes(pixels.map(|p| [p[0], p[1], p[2]]).collect(), table),
                     Some(Place::At(i)) => Texels::GreyBytes(pixels.map(|p| p[i]).collect(), table),
                     Some(Place::One) => Texels::GreyBytes(pixels.map(|_| u8::MAX).collect(), table),
-                    Some(Place::Luminance) => decoded(pixels, place, |byte: u8| table[usize::from(byte)]),
+                    Some(Place::Luminance | Place::Mean) => decoded(pixels, place, |byte: u8| table[usize::from(byte)]),
                 }
             }
             Samples::Words(words) => {
@@ -138,6 +161,7 @@ fn decoded<'p, S: Copy + 'p>(
         Some(Place::At(i)) => Texels::Greys(pixels.map(|pixel| linear(pixel[i])).collect()),
         Some(Place::One) => Texels::Greys(pixels.map(|_| 1.0).collect()),
         Some(Place::Luminance) => Texels::Greys(pixels.map(|pixel| colour(pixel).luminance()).collect()),
+        Some(Place::Mean) => Texels::Greys(pixels.map(|pixel| colour(pixel).mean()).collect()),
     }
 }
 
@@ -194,11 +218,12 @@ mod tests {
         let pixel = [51, 102, 153, 204].map(|byte| f32::from(byte as u8) / 255.0);
         let luminance = Spectrum::from_rgb([pixel[0], pixel[1], pixel[2]]).luminance();
         let [a, b, c, d] = pixel;
+        let mean = (a + b + c) / 3.0;
         let rows = [
-            (1, [a, a, a, 1.0, a]),
-            (2, [a, a, a, b, a]),
-            (3, [a, b, c, 1.0, luminance]),
-            (4, [a, b, c, d, luminance]),
+            (1, [a, a, a, 1.0, a, a, a]),
+            (2, [a, a, a, b, a, a, a]),
+            (3, [a, b, c, 1.0, luminance, mean, mean]),
+            (4, [a, b, c, d, luminance, mean, d]),
         ];
         let asked = [
             Channel::Red,
@@ -206,6 +231,8 @@ mod tests {
             Channel::Blue,
             Channel::Alpha,
             Channel::Luminance,
+            Channel::Mean,
+            Channel::OpacityOrMean,
         ];
         for (channels, expected) in rows {
             for (channel, expected) in asked.into_iter().zip(expected) {
@@ -227,6 +254,8 @@ mod tests {
                 }
             }
         }
+        let opaque = bytes(4, &[51, 102, 153, 255]).decode(&reading(Channel::OpacityOrMean));
+        assert!((opaque.texels.get(0)[0] - mean).abs() < 1e-6);
         let colour = bytes(4, &[51, 102, 153, 204])
             .decode(&reading(Channel::All))
             .texels

@@ -14,7 +14,7 @@ pub use attribute::AttributeTexture;
 pub use bitmap::{Bitmap, Texels, TextureFilter, WrapMode};
 pub use mapping::{Mapping, UvTransform};
 pub use noise::{Noise, Octaves};
-pub use pattern::Pattern;
+pub use pattern::{Curve, Pattern};
 pub use tiles::{TileFile, Tiles};
 
 use crate::geometry::SurfacePoint;

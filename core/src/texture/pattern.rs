@@ -2,7 +2,7 @@
 
 use super::noise::perlin;
 use super::{Mapping, Noise, Texture, TexturePoint, UvTransform};
-use crate::math::{Transform, Vec2, Vec3, sqr};
+use crate::math::{Transform, Vec2, Vec3, ln, sqr};
 use crate::spectrum::Spectrum;
 
 /// A texture that is computed, or made of others.
@@ -82,6 +82,24 @@ pub enum Pattern {
         /// Where the value is larger it counts as this; negative ones count as 0.
         most: f32,
     },
+    /// Four colours, linear along u and along v between them (pbrt-v3's `bilerp`, and its `uv` of four colours that repeat).
+    Corners {
+        /// At (0, 0), (1, 0), (0, 1) and (1, 1).
+        colours: [Spectrum; 4],
+        /// Applied to the surface coordinates.
+        to_uv: UvTransform,
+        /// Whether each unit square shows the same, and not what goes on from (0, 0) to (1, 1).
+        repeats: bool,
+        /// Where the value is larger it counts as this; negative ones count as 0.
+        most: f32,
+    },
+    /// A function of each value of a texture.
+    Curve {
+        /// The texture.
+        texture: Texture,
+        /// The function.
+        curve: Curve,
+    },
     /// A texture with coordinates from the position in space.
     Mapped {
         /// The texture.
@@ -91,6 +109,29 @@ pub enum Pattern {
         /// From the world to the space of the mapping.
         to_local: Transform,
     },
+}
+
+/// Functions of values, which rise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Curve {
+    /// The root, by which pbrt-v4 makes a roughness the width of a distribution.
+    Root,
+    /// The polynomial of the logarithm by which pbrt-v3 does (`TrowbridgeReitzDistribution::RoughnessToAlpha`).
+    OldRoughness,
+}
+
+impl Curve {
+    /// The value of the function; of what is negative that of 0.
+    #[must_use]
+    pub fn of(self, value: f32) -> f32 {
+        match self {
+            Self::Root => value.max(0.0).sqrt(),
+            Self::OldRoughness => {
+                let x = ln(value.max(1e-3));
+                1.621_42 + x * (0.819_955 + x * (0.173_4 + x * (0.017_120_1 + x * 0.000_640_711)))
+            }
+        }
+    }
 }
 
 /// Share of the squares that have a dot, over the period of the noise.
@@ -142,6 +183,18 @@ impl Pattern {
                 first.eval(at) * amount + second.eval(at) * (1.0 - amount)
             }
             Self::Noise { noise, to_local, most } => noise.eval(at.local(to_local)).map(|c| c.clamp(0.0, *most)),
+            Self::Corners {
+                colours: [c00, c10, c01, c11],
+                to_uv,
+                repeats,
+                most,
+            } => {
+                let place = to_uv.apply(at.uv);
+                let p = if *repeats { place - place.floor() } else { place };
+                let (lower, upper) = (*c00 * (1.0 - p.x) + *c10 * p.x, *c01 * (1.0 - p.x) + *c11 * p.x);
+                (lower * (1.0 - p.y) + upper * p.y).map(|c| c.max(0.0).min(*most))
+            }
+            Self::Curve { texture, curve } => texture.eval(at).map(|value| curve.of(value)),
             Self::Mapped {
                 texture,
                 mapping,
@@ -184,6 +237,8 @@ impl Pattern {
             Self::Mix { first, second, amount } => mixed(first, second, amount.mean().mean()),
             Self::DirectionMix { first, second, .. } => mixed(first, second, 0.5),
             Self::Noise { noise, most, .. } => noise.mean(|value| value.map(|c| c.clamp(0.0, *most))),
+            Self::Corners { colours, most, .. } => Spectrum::average(colours.iter().copied()).map(|c| c.min(*most)),
+            Self::Curve { texture, curve } => texture.mean().map(|value| curve.of(value)),
             Self::Mapped { texture, .. } => texture.mean(),
         }
     }
@@ -205,6 +260,18 @@ impl Pattern {
             } => a.brightest().max(b.brightest()),
             Self::Scale { texture, factor, most } => (texture.brightest() * factor.brightest()).min(*most),
             Self::Noise { most, .. } => *most,
+            Self::Corners {
+                colours,
+                repeats: true,
+                most,
+                ..
+            } => colours
+                .iter()
+                .map(|colour| colour.max_component())
+                .fold(0.0, f32::max)
+                .min(*most),
+            Self::Corners { most, .. } => *most,
+            Self::Curve { texture, curve } => curve.of(texture.brightest()),
             Self::Mapped { texture, .. } => texture.brightest(),
         }
     }
@@ -335,6 +402,41 @@ mod tests {
         let middles = (0..256 * 256).map(|i| TexturePoint::of_uv(Vec2::new((i % 256) as f32, (i / 256) as f32)));
         let dotted = middles.filter(|middle| dots.grey(middle) == 1.0).count();
         assert!((dotted as f32 / 65_536.0 - SQUARES_WITH_DOT).abs() < 1e-5, "{dotted}");
+    }
+
+    /// Expected values by hand: bilinear between the corners, and the roots and pbrt-v3's polynomial of them.
+    #[test]
+    fn corners_are_joined_and_curves_follow_values() {
+        let corners = |repeats| Pattern::Corners {
+            colours: [0.0, 0.5, 1.0, 0.25].map(Spectrum::splat),
+            to_uv: UvTransform::IDENTITY,
+            repeats,
+            most: 1.0,
+        };
+        let goes_on = Texture::from(corners(false));
+        let repeats = Texture::from(corners(true));
+        for (u, v, first, second) in [
+            (0.0, 0.0, 0.0, 0.0),
+            (0.75, 0.0, 0.375, 0.375),
+            (0.0, 0.75, 0.75, 0.75),
+            (0.5, 0.5, 0.4375, 0.4375),
+            (1.5, 0.0, 0.75, 0.25),
+            (-0.5, 0.0, 0.0, 0.25),
+            (0.0, 3.0, 1.0, 0.0),
+        ] {
+            assert_eq!(
+                (goes_on.grey(&uv(u, v)), repeats.grey(&uv(u, v))),
+                (first, second),
+                "{u} {v}"
+            );
+        }
+        assert_eq!((goes_on.mean()[0], repeats.brightest()), (0.4375, 1.0));
+        let curved = |curve, at| {
+            let texture = goes_on.clone();
+            Texture::from(Pattern::Curve { texture, curve }).grey(&uv(at, 0.0))
+        };
+        assert_eq!(curved(Curve::Root, 0.5), 0.5);
+        assert!((curved(Curve::OldRoughness, 0.2) - 0.461_76).abs() < 1e-4);
     }
 
     #[test]

@@ -40,6 +40,12 @@ fn directions_to_area_lights_match_their_density() {
         vec![area_light(0, 1.0)],
         from,
     );
+    check_directions(
+        "mesh from behind",
+        vec![patch(at, -toward - Vec3::X)],
+        vec![two_sided_light(0, 1.0)],
+        from,
+    );
     let oval = disk(at, toward + Vec3::Y, Vec3::new(0.5, 1.2, 3.0));
     check_directions("disk", vec![oval], vec![area_light(0, 1.0)], from);
     check_directions("sphere", vec![sphere(at, 0.9, false)], vec![area_light(0, 1.0)], from);
@@ -57,6 +63,37 @@ fn directions_to_area_lights_match_their_density() {
     );
     let two = vec![sphere(at, 0.6, false), disk(-at, from + at, Vec3::ONE)];
     check_directions("two lights", two, vec![area_light(0, 1.0), area_light(1, 3.0)], from);
+}
+
+/// A light of two sides is one, seen from either, and its paths start on the side that is seen.
+#[test]
+fn two_sided_lights_shine_to_both_sides() {
+    let geometry = Geometry::build(vec![patch(Vec3::ZERO, Vec3::Z)]);
+    let [one, both] = [area_light(0, 2.0), two_sided_light(0, 2.0)].map(|light| Lights::build(vec![light], &geometry));
+    for z in [3.0, -3.0] {
+        let from = Vec3::new(0.1, 0.2, z);
+        let sample = |lights: &Lights| lights.sample_direct(&geometry, from, 0.5, DVec2::new(0.4, 0.6));
+        let found = sample(&both).expect("it is seen from both sides");
+        let ray = Ray {
+            origin: from,
+            direction: found.wi,
+            max_distance: f32::INFINITY,
+        };
+        let hit = geometry.intersect(&ray).expect("the connection meets the light");
+        assert_eq!(both.emitted(LightId(0), &hit, -found.wi), gray(2.0));
+        assert!((both.pdf_area(&geometry, LightId(0), from, &hit) / found.pdf - 1.0).abs() < 1e-4);
+        assert_eq!(
+            one.emitted(LightId(0), &hit, -found.wi),
+            gray(if z > 0.0 { 2.0 } else { 0.0 })
+        );
+        // Half of the paths start on each side, and so arrive half as densely.
+        match sample(&one) {
+            Some(lit) => assert!(z > 0.0 && (found.arrival / lit.arrival - 0.5).abs() < 1e-6),
+            None => assert!(z < 0.0),
+        }
+    }
+    let half = both.pdf_emission_position(LightId(0)) / one.pdf_emission_position(LightId(0));
+    assert!((half - 0.5).abs() < 1e-6);
 }
 
 #[test]
@@ -207,6 +244,7 @@ fn a_spot_is_that_of_mitsuba() {
         intensity: gray(3.0),
         cutoff_angle: 40.0_f32.to_radians(),
         beam_width: 25.0_f32.to_radians(),
+        falloff: Falloff::Linear,
         texture: None,
     };
     let geometry = Geometry::build(Vec::new());
@@ -251,6 +289,7 @@ fn a_spot_with_a_slide_is_that_of_mitsuba() {
         intensity: gray(3.0),
         cutoff_angle: 40.0_f32.to_radians(),
         beam_width: 25.0_f32.to_radians(),
+        falloff: Falloff::Linear,
         texture: Some(image),
     };
     let geometry = Geometry::build(Vec::new());
@@ -268,6 +307,84 @@ fn a_spot_with_a_slide_is_that_of_mitsuba() {
                 "{sample:?}, {expected}"
             );
         }
+    }
+}
+
+/// The share of the cosine's way from the edge of the cone to its beam, by hand: pbrt-v4's cubic and pbrt-v3's fourth power of it.
+#[test]
+fn spots_of_pbrt_fall_off_by_the_cosine() {
+    let geometry = Geometry::build(Vec::new());
+    let [edge, beam] = [40.0_f64, 25.0].map(|angle| libm::cos(angle.to_radians()));
+    for (share, smooth, fourth) in [
+        (0.0, 0.0, 0.0),
+        (0.25, 0.156_25, 0.003_906_25),
+        (0.5, 0.5, 0.062_5),
+        (1.5, 1.0, 1.0),
+        (-0.1, 0.0, 0.0),
+    ] {
+        for (falloff, expected) in [(Falloff::SmoothStep, smooth), (Falloff::FourthPower, fourth)] {
+            let spot = Light::Spot {
+                to_world: Transform::default(),
+                intensity: gray(2.0),
+                cutoff_angle: 40.0_f32.to_radians(),
+                beam_width: 25.0_f32.to_radians(),
+                falloff,
+                texture: None,
+            };
+            let lights = Lights::build(vec![spot], &geometry);
+            let cos = edge + share * (beam - edge);
+            let at = Vec3::new((1.0 - cos * cos).sqrt() as f32, 0.0, cos as f32);
+            let sample = lights.sample_direct(&geometry, at, 0.5, DVec2::splat(0.5));
+            let found = sample.map_or(0.0, |sample| sample.radiance[0]);
+            assert!(
+                (found - 2.0 * expected).abs() < 1e-5,
+                "{falloff:?} {share}: {found}, expected {expected}"
+            );
+        }
+    }
+}
+
+/// A projector that is even by directions has in each the intensity of its image.
+#[test]
+fn a_projector_of_pbrt_is_even_by_directions() {
+    let Light::Projector {
+        to_world,
+        fov_x,
+        aspect,
+        image,
+        scale,
+        ..
+    } = projector()
+    else {
+        unreachable!()
+    };
+    let geometry = Geometry::build(Vec::new());
+    let lights = [Even::Plane, Even::Directions].map(|even| {
+        let (image, scale) = (image.clone(), scale);
+        let light = Light::Projector {
+            to_world,
+            fov_x,
+            aspect,
+            image,
+            scale,
+            even,
+        };
+        Lights::build(vec![light], &geometry)
+    });
+    for at in [Vec3::new(0.3, 0.1, -0.2), Vec3::new(-0.5, -0.3, 0.1)] {
+        let offset = (at - Vec3::new(1.0, 2.0, 3.0)).normalize();
+        let cos = offset.dot(Vec3::new(-1.0, -2.0, -3.0).normalize());
+        let [plane, directions] = [&lights[0], &lights[1]].map(|lights| {
+            lights
+                .sample_direct(&geometry, at, 0.5, DVec2::splat(0.5))
+                .unwrap()
+                .radiance[0]
+        });
+        let expected = plane * cos * cos * cos / PI;
+        assert!(
+            (directions / expected - 1.0).abs() < 1e-5,
+            "{at}: {directions}, expected {expected}"
+        );
     }
 }
 
@@ -347,6 +464,7 @@ fn narrow_lights_are_sampled_with_their_density() {
             intensity: gray(2.0),
             cutoff_angle: theta,
             beam_width: 0.0,
+            falloff: Falloff::Linear,
             texture: None,
         };
         let lights = Lights::build(vec![spot], &geometry);

@@ -34,11 +34,19 @@ fn directions_of_emission_match_their_density() {
         cosine,
     );
     check_directions("mesh", vec![patch(Vec3::ONE, normal)], area_light(0, 1.0), cosine);
+    let either_side = |_: &Lights, d: Vec3| 0.5 * d.dot(normal).abs() * FRAC_1_PI;
+    check_directions(
+        "two-sided mesh",
+        vec![patch(Vec3::ONE, normal)],
+        two_sided_light(0, 1.0),
+        either_side,
+    );
     let spot = Light::Spot {
         to_world: facing(Vec3::ONE, normal, Vec3::ONE),
         intensity: gray(2.0),
         cutoff_angle: 0.9,
         beam_width: 0.5,
+        falloff: Falloff::Linear,
         texture: None,
     };
     let (inside, cap) = (cos(0.9), 2.0 * PI * (1.0 - cos(0.9)));
@@ -169,6 +177,13 @@ fn mean_flux_is_the_power() {
     check_power("sphere", vec![ball()], vec![area_light(0, 3.0)], pi * 3.0 * 16.0 * pi);
     let mesh = patch(Vec3::ONE, Vec3::X);
     check_power("mesh", vec![mesh], vec![area_light(0, 3.0)], pi * 3.0 * PATCH_AREA);
+    let mesh = patch(Vec3::ONE, Vec3::X);
+    check_power(
+        "two-sided mesh",
+        vec![mesh],
+        vec![two_sided_light(0, 3.0)],
+        2.0 * pi * 3.0 * PATCH_AREA,
+    );
     let point = Light::Point {
         position: Vec3::ZERO,
         intensity: gray(3.0),
@@ -179,10 +194,33 @@ fn mean_flux_is_the_power() {
         intensity: gray(3.0),
         cutoff_angle: 0.9,
         beam_width: 0.5,
+        falloff: Falloff::Linear,
         texture: None,
     };
     let spot_power = 6.0 * pi * (1.0 - (libm::sin(0.9) - libm::sin(0.5)) / 0.4);
     check_power("spot", vec![], vec![spot], spot_power);
+    for (falloff, share) in [(Falloff::SmoothStep, 0.5), (Falloff::FourthPower, 0.2)] {
+        let spot = Light::Spot {
+            to_world: Transform::default(),
+            intensity: gray(3.0),
+            cutoff_angle: 0.9,
+            beam_width: 0.5,
+            falloff,
+            texture: None,
+        };
+        let [beam, cutoff] = [0.5, 0.9].map(libm::cos);
+        let power = 6.0 * pi * (1.0 - beam + share * (beam - cutoff));
+        check_power(&format!("{falloff:?}"), vec![], vec![spot], power);
+    }
+    let pyramid = Light::Projector {
+        to_world: Transform::default(),
+        fov_x: 0.5 * PI,
+        aspect: 1.0,
+        image: Texture::Constant(gray(3.0)),
+        scale: 2.0,
+        even: Even::Directions,
+    };
+    check_power("even projector", vec![], vec![pyramid], 6.0 * 4.0 * pi / 6.0);
     // Columns of the image show 1 to 4 in the first channel.
     let half_width = libm::tan(20.0_f64.to_radians());
     let projector_power = 2.0 * pi * 2.5 * 4.0 * half_width * (0.5 * half_width);

@@ -11,7 +11,7 @@ use crate::texture::{TextureFilter, UvTransform, WrapMode};
 use glam::{DMat4, DVec3, DVec4};
 
 /// Chi-square tests of this module, for Sidak's correction.
-const FAMILY: usize = 24;
+const FAMILY: usize = 27;
 /// Deviations that a z-test allows: a false alarm has probability 6.3e-5 each, fixed by the seed.
 const DEVIATIONS: f64 = 4.0;
 
@@ -151,6 +151,7 @@ fn projector() -> Light {
         aspect: 2.0,
         image: Texture::Bitmap(Arc::new(image), identity),
         scale: 2.0,
+        even: Even::Plane,
     }
 }
 
@@ -158,6 +159,15 @@ fn area_light(shape: u32, radiance: f32) -> Light {
     Light::Area {
         shape: ShapeId(shape),
         radiance: Texture::Constant(gray(radiance)),
+        two_sided: false,
+    }
+}
+
+fn two_sided_light(shape: u32, radiance: f32) -> Light {
+    Light::Area {
+        shape: ShapeId(shape),
+        radiance: Texture::Constant(gray(radiance)),
+        two_sided: true,
     }
 }
 

@@ -23,6 +23,7 @@ fn moved_lights_are_those_built_in_their_new_places() {
                 intensity: gray(9.0),
                 cutoff_angle: 0.9,
                 beam_width: 0.4,
+                falloff: Falloff::Linear,
                 texture: None,
             },
             Light::Directional {

@@ -107,6 +107,31 @@ fn wards_highlights_peak_in_the_mirror_direction() {
     }
 }
 
+/// In the mirror direction the half vector is the normal, where GGX has density `1 / (pi alpha^2)`; by hand after Fresnel's equations at
+/// 50 degrees from an index 1.5, heights that correlate, and Schlick's approximation.
+#[test]
+fn highlights_of_pbrt_in_the_mirror_direction() {
+    let (wo, wi) = (direction(50.0, 30.0), direction(50.0, 210.0));
+    let (sin, cos) = libm::sincos(50.0_f64.to_radians());
+    let density = 1.0 / (PI * 0.2 * 0.2);
+    let inside = (1.0 - sin * sin / 2.25).sqrt();
+    let [s, p] = [(cos, inside), (inside, cos)].map(|(a, b)| ((a - 1.5 * b) / (a + 1.5 * b)).powi(2));
+    // Smith's lambda is half of sqrt(1 + alpha^2 tan^2) - 1, and both directions' sum with 1.
+    let shadowing = 1.0 / (1.0 + 0.04 * sin * sin / (cos * cos)).sqrt();
+    let expected = 0.5 / PI + 0.3 * density * 0.5 * (s + p) * shadowing / (4.0 * cos * cos);
+    let found = f(&pbrt_plastic(0.5, 0.3, 1.5, [0.2, 0.2]), wo, wi);
+    assert!((found / expected - 1.0).abs() < 1e-5, "{found}, expected {expected}");
+    // From within all is reflected beyond 41.8 degrees.
+    let expected = 0.5 / PI + 0.3 * density * shadowing / (4.0 * cos * cos);
+    let found = f(&pbrt_plastic(0.5, 0.3, 1.0 / 1.5, [0.2, 0.2]), wo, wi);
+    assert!((found / expected - 1.0).abs() < 1e-5, "{found}, expected {expected}");
+    let seen = 1.0 - (1.0 - 0.5 * cos).powi(5);
+    let schlick = 0.2 + 0.8 * (1.0 - cos).powi(5);
+    let expected = 28.0 / (23.0 * PI) * 0.6 * 0.8 * seen * seen + schlick * density / (4.0 * cos * cos);
+    let found = f(&substrate(0.6, 0.2, [0.2, 0.2]), wo, wi);
+    assert!((found / expected - 1.0).abs() < 1e-5, "{found}, expected {expected}");
+}
+
 /// The balanced form never makes energy, and loses little where it is narrow and seen from above.
 #[test]
 fn the_balanced_form_of_ward_keeps_energy() {

@@ -277,6 +277,22 @@ fn ward(diffuse: f32, specular: f32, alpha: [f32; 2], model: WardModel) -> Mater
     glossy(diffuse, specular, Highlight::Ward { alpha, model })
 }
 
+fn pbrt_plastic(diffuse: f32, specular: f32, eta: f32, alpha: [f32; 2]) -> Material {
+    let distribution = Roughness {
+        kind: MicrofacetKind::Ggx,
+        alpha: alpha.map(grey),
+    };
+    glossy(diffuse, specular, Highlight::Facets { eta, distribution })
+}
+
+fn substrate(diffuse: f32, specular: f32, alpha: [f32; 2]) -> Material {
+    let distribution = Roughness {
+        kind: MicrofacetKind::Ggx,
+        alpha: alpha.map(grey),
+    };
+    glossy(diffuse, specular, Highlight::Blend { distribution })
+}
+
 fn transmitter(reflectance: f32, transmittance: f32) -> Material {
     Material::Transmitter {
         reflectance: grey(reflectance),
@@ -340,6 +356,9 @@ fn lobes() -> Vec<(&'static str, Material)> {
         ("Ward", ward(0.5, 0.3, [0.1, 0.3], WardModel::Ward)),
         ("Ward and Duer", ward(0.2, 0.4, [0.2, 0.2], WardModel::Duer)),
         ("balanced Ward", ward(0.1, 0.7, [0.4, 0.15], WardModel::Balanced)),
+        ("plastic of pbrt-v3", pbrt_plastic(0.4, 0.3, 1.0 / 1.5, [0.2, 0.2])),
+        ("uber of pbrt-v3", pbrt_plastic(0.5, 0.4, 1.5, [0.1, 0.4])),
+        ("substrate of pbrt-v3", substrate(0.6, 0.2, [0.3, 0.15])),
         ("sheet", transmitter(0.3, 0.6)),
         ("principled body", principled_body()),
         (

@@ -3,14 +3,14 @@
 use super::sensor::horizontal_field_of_view;
 use super::texture::{Role, light_colour};
 use super::{Builder, uniform_scale};
-use crate::light::Light;
+use crate::light::{Even, Falloff, Light};
 use crate::math::{AnimatedTransform, Transform, Vec3};
 use crate::scene::description::ObjectId;
 use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
 use crate::scene::spectrum::BRIGHTEST;
-use crate::texture::Texture;
+use crate::texture::{Bitmap, Texture};
 use glam::DMat4;
 use std::f64::consts::PI;
 
@@ -112,12 +112,21 @@ impl Builder<'_, '_> {
             Texture::Constant(_) | Texture::Pattern(_) | Texture::Attribute(_) => 1.0,
         };
         let fov_x = horizontal_field_of_view(reader, aspect.into())? as f32;
+        let even = reader.choice("even", &EVEN, Even::Plane)?;
+        let scale = match (reader.float("power", POSITIVE)?, &image) {
+            (Some(power), Texture::Bitmap(image, _)) => {
+                let factor = power as f32 / projected_power(image, fov_x);
+                scale * if factor.is_finite() { factor } else { 1.0 }
+            }
+            _ => scale,
+        };
         Ok(Light::Projector {
             to_world,
             fov_x,
             aspect,
             image,
             scale,
+            even,
         })
     }
 
@@ -125,6 +134,7 @@ impl Builder<'_, '_> {
         let cutoff = reader.float_or("cutoff_angle", 0.01..=180.0, 20.0)?;
         let beam = reader.float_or("beam_width", NOT_NEGATIVE, cutoff * 0.75)?.min(cutoff);
         let intensity = light_colour(reader, "intensity", 1.0)?;
+        let falloff = reader.choice("falloff", &FALLOFFS, Falloff::Linear)?;
         let texture = if reader.has("texture") {
             if cutoff > WIDEST_SLIDE {
                 let reason = format!("{cutoff} is out of range beside a `texture`; allowed: up to {WIDEST_SLIDE}");
@@ -139,9 +149,36 @@ impl Builder<'_, '_> {
             intensity,
             cutoff_angle: cutoff.to_radians() as f32,
             beam_width: beam.to_radians() as f32,
+            falloff,
             texture,
         })
     }
+}
+
+/// How the light of a spot falls off: as Mitsuba's, pbrt-v4's or pbrt-v3's.
+const FALLOFFS: [(&str, Falloff); 3] = [
+    ("linear", Falloff::Linear),
+    ("smoothstep", Falloff::SmoothStep),
+    ("fourth_power", Falloff::FourthPower),
+];
+
+/// What shows a projector's image as it is: Mitsuba's and pbrt's.
+const EVEN: [(&str, Even); 2] = [("plane", Even::Plane), ("directions", Even::Directions)];
+
+/// The power of a projector whose image is even by directions, as `power` has it (`ProjectionLight::Create` of pbrt-v4): the mean of
+/// the image's luminance times what it takes of the sphere, the cube of the cosine times the area on the plane at distance 1.
+fn projected_power(image: &Bitmap, fov_x: f32) -> f32 {
+    let half_width = libm::tan(0.5 * f64::from(fov_x));
+    let half_height = half_width * image.height as f64 / image.width as f64;
+    let at = |index: usize, side: usize| (index as f64 + 0.5) / side as f64 * 2.0 - 1.0;
+    let texels = image.texels.iter().enumerate().map(|(index, value)| {
+        let x = half_width * at(index % image.width, image.width);
+        let y = half_height * at(index / image.width, image.height);
+        let squared = 1.0 + x * x + y * y;
+        f64::from(value.luminance()) / (squared * squared.sqrt())
+    });
+    let area = 4.0 * half_width * half_height;
+    (texels.sum::<f64>() * area / (image.width * image.height) as f64) as f32
 }
 
 /// Accepts `sampling_weight`: lights are chosen by power, and the weight does not change what is estimated.
@@ -209,6 +246,7 @@ fn collimated(reader: &Reader, to_world: Transform) -> Result<Light, SceneError>
         intensity,
         cutoff_angle: half_angle as f32,
         beam_width: half_angle as f32,
+        falloff: Falloff::Linear,
         texture: None,
     })
 }

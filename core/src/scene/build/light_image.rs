@@ -3,14 +3,16 @@
 use super::Builder;
 use super::texture::{colour, light_colour};
 use crate::light::{Light, Mapping};
-use crate::math::Transform;
+use crate::math::{PI, Transform};
 use crate::scene::error::SceneError;
 use crate::scene::ies;
-use crate::scene::linear_image::{Encoding, Reading};
+use crate::scene::linear_image::{Channel, Encoding, Reading};
 use crate::scene::reader::{POSITIVE, Reader};
 use crate::scene::spectrum::{BRIGHTEST, Use};
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, TextureFilter, WrapMode};
+use glam::{DMat4, DVec4};
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// An image with its mapping and the factor on it.
@@ -18,6 +20,8 @@ struct LightImage {
     image: Arc<Bitmap>,
     mapping: Mapping,
     scale: f32,
+    /// Whether its pole is +z.
+    lies: bool,
 }
 
 impl Builder<'_, '_> {
@@ -25,12 +29,14 @@ impl Builder<'_, '_> {
         let scale = colour(reader, "scale", Use::Emission)?.unwrap_or(Spectrum::ONE);
         // Importance sampling is never compensated; the estimate has the same mean either way.
         reader.boolean("mis_compensation", false)?;
-        let LightImage { image, mapping, scale } = self.light_image(reader, scale, "scale")?;
+        let illuminance = reader.float("illuminance", POSITIVE)?;
+        let found = self.light_image(reader, scale, ("scale", Channel::All))?;
+        let factor = illuminance.map_or(1.0, |illuminance| illuminance as f32 / upper_illuminance(&found.image));
         Ok(Light::Environment {
-            image,
-            mapping,
-            scale,
-            to_world,
+            to_world: found.turned(&to_world),
+            image: found.image,
+            mapping: found.mapping,
+            scale: found.scale * if factor.is_finite() { factor } else { 1.0 },
         })
     }
 
@@ -39,15 +45,23 @@ impl Builder<'_, '_> {
         let factor = reader.float_or("scale", POSITIVE, 1.0)? as f32;
         let file = self.file(reader)?;
         if !file.name.to_ascii_lowercase().ends_with(".ies") {
-            let LightImage { image, mapping, scale } = self.light_image(reader, intensity * factor, "intensity")?;
+            let power = reader.float("power", POSITIVE)?;
+            let channel = match reader.string("mapping")? {
+                // A lamp of pbrt has one colour.
+                Some("pbrt") => Channel::Mean,
+                _ => Channel::All,
+            };
+            let found = self.light_image(reader, intensity * factor, ("intensity", channel))?;
+            let mean = Spectrum::average(found.image.texels.iter()).luminance();
+            let factor = power.map_or(1.0, |power| power as f32 / (4.0 * PI * mean));
             return Ok(Light::Goniometric {
-                to_world,
-                image,
-                mapping,
-                scale,
+                to_world: found.turned(&to_world),
+                image: found.image,
+                mapping: found.mapping,
+                scale: found.scale * if factor.is_finite() { factor } else { 1.0 },
             });
         }
-        reader.choice("mapping", &MAPPINGS, Mapping::LatitudeLongitude)?;
+        reader.choice("mapping", &MAPPINGS, Written::Mapping(Mapping::LatitudeLongitude))?;
         reader.finish();
         let profile = ies::read(&file)?;
         let image = Arc::new(profile.image());
@@ -62,15 +76,21 @@ impl Builder<'_, '_> {
         })
     }
 
-    /// The image that `filename` names, times `factor`, which the property `name` gives.
-    fn light_image(&mut self, reader: &Reader, factor: Spectrum, name: &str) -> Result<LightImage, SceneError> {
-        let mapping = reader.choice("mapping", &MAPPINGS, Mapping::LatitudeLongitude)?;
+    /// A channel of the image that `filename` names, times `factor`, which the property `name` gives.
+    fn light_image(
+        &mut self,
+        reader: &Reader,
+        factor: Spectrum,
+        (name, channel): (&str, Channel),
+    ) -> Result<LightImage, SceneError> {
+        let written = reader.choice("mapping", &MAPPINGS, Written::Mapping(Mapping::LatitudeLongitude))?;
         let encoding = match reader.boolean("raw", false)? {
             true => Encoding::Linear,
             false => Encoding::Srgb,
         };
         let reading = Reading {
             encoding,
+            channel,
             ..Reading::COLOURS
         };
         let image = self.bitmap_file(reader, &reading, WrapMode::Repeat, TextureFilter::Bilinear, false)?;
@@ -80,20 +100,63 @@ impl Builder<'_, '_> {
             let reason = format!("an image over all directions has 2 x 2 texels or more, found {width} x {height}");
             return Err(reader.wrong("filename", reason));
         }
+        let mapping = match written {
+            Written::Mapping(mapping) => mapping,
+            Written::Pbrt if width == height => Mapping::EqualArea,
+            Written::Pbrt => Mapping::LatitudeLongitude,
+        };
         if mapping == Mapping::EqualArea && width != height {
             let reason = format!("an image of mapping `equalarea` is a square, found {width} x {height} texels");
             return Err(reader.wrong("filename", reason));
         }
         let (image, scale) = coloured(image, factor);
         check_brightness(reader, &image, scale, name)?;
-        Ok(LightImage { image, mapping, scale })
+        Ok(LightImage {
+            image,
+            mapping,
+            scale,
+            lies: written == Written::Pbrt && mapping == Mapping::LatitudeLongitude,
+        })
     }
 }
 
-const MAPPINGS: [(&str, Mapping); 2] = [
-    ("latitudelongitude", Mapping::LatitudeLongitude),
-    ("equalarea", Mapping::EqualArea),
+/// What `mapping` says.
+#[derive(Clone, Copy, PartialEq)]
+enum Written {
+    Mapping(Mapping),
+    /// pbrt-v4's for a square image, and pbrt-v3's for others.
+    Pbrt,
+}
+
+const MAPPINGS: [(&str, Written); 3] = [
+    ("latitudelongitude", Written::Mapping(Mapping::LatitudeLongitude)),
+    ("equalarea", Written::Mapping(Mapping::EqualArea)),
+    ("pbrt", Written::Pbrt),
 ];
+
+impl LightImage {
+    /// The frame of the image in the world. Images of pbrt-v3 have the pole +z, and the left edge +x, from where they go to +y; ours
+    /// have the pole +y and the middle +z.
+    fn turned(&self, to_world: &Transform) -> Transform {
+        if !self.lies {
+            return *to_world;
+        }
+        let turn = DMat4::from_cols(DVec4::Y, DVec4::Z, DVec4::NEG_X, DVec4::W);
+        to_world.after(&Transform::from_matrix(turn).unwrap_or_default())
+    }
+}
+
+/// The illuminance of a horizontal surface under a square image of equal areas, as pbrt-v4 computes it (`Light::Create`): it counts each
+/// texel of the upper half with half of its solid angle.
+fn upper_illuminance(image: &Bitmap) -> f32 {
+    let texel = |index: usize, side: usize| ((index as f64 + 0.5) / side as f64 * 2.0 - 1.0).abs();
+    let cosines = image.texels.iter().enumerate().map(|(index, value)| {
+        // The distance from the middle by which the mapping tells the height.
+        let r = texel(index % image.width, image.width) + texel(index / image.width, image.height);
+        f64::from(value.luminance()) * (1.0 - r * r).max(0.0)
+    });
+    (cosines.sum::<f64>() * TAU / (image.width * image.height) as f64) as f32
+}
 
 /// An image and a factor on it that together are `image` times `factor`.
 fn coloured(image: Arc<Bitmap>, factor: Spectrum) -> (Arc<Bitmap>, f32) {

@@ -69,7 +69,7 @@ impl Builder<'_, '_> {
         })
     }
 
-    /// A highlight beside a diffuse part: `phong` and `ward`.
+    /// A highlight beside a diffuse part: `phong`, `ward` and those of pbrt-v3.
     pub(super) fn glossy(&mut self, reader: &Reader) -> Result<Material, SceneError> {
         let diffuse = self.colour_or_texture(reader, "diffuse_reflectance", Role::REFLECTANCE, 0.5)?;
         let specular = self.colour_or_texture(reader, "specular_reflectance", Role::REFLECTANCE, 0.2)?;
@@ -77,6 +77,22 @@ impl Builder<'_, '_> {
             "phong" => Highlight::Phong {
                 exponent: self.number_or_texture(reader, "exponent", EXPONENT, 30.0)?,
             },
+            "pbrtplastic" | "pbrtsubstrate" => {
+                let distribution = self.roughness(reader)?;
+                let facets = match reader.object.plugin.as_str() {
+                    "pbrtplastic" => Highlight::Facets {
+                        eta: reader.float_or("eta", INDEX, 1.5)? as f32,
+                        distribution,
+                    },
+                    _ => Highlight::Blend { distribution },
+                };
+                // Fresnel's share leaves the diffuse part what it takes, as a rule; pbrt-v3 does not see to it either.
+                return Ok(Material::Glossy(Box::new(Glossy {
+                    diffuse_reflectance: diffuse,
+                    specular_reflectance: specular,
+                    highlight: facets,
+                })));
+            }
             _ => Highlight::Ward {
                 alpha: [
                     self.number_or_texture(reader, "alpha_u", ROUGHNESS, 0.1)?,

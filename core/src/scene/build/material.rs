@@ -11,7 +11,7 @@ use crate::spectrum::Spectrum;
 use crate::texture::Texture;
 use std::ops::RangeInclusive;
 
-const SUPPORTED: [&str; 25] = [
+const SUPPORTED: [&str; 27] = [
     "diffuse",
     "twosided",
     "dielectric",
@@ -35,6 +35,8 @@ const SUPPORTED: [&str; 25] = [
     "roughdiffuse",
     "phong",
     "ward",
+    "pbrtplastic",
+    "pbrtsubstrate",
     "difftrans",
     "diffusetransmission",
 ];
@@ -121,7 +123,7 @@ impl Builder<'_, '_> {
             "principled" => self.principled(&reader),
             "principledthin" => self.principled_thin(&reader),
             "roughdiffuse" => self.rough_diffuse(&reader),
-            "phong" | "ward" => self.glossy(&reader),
+            "phong" | "ward" | "pbrtplastic" | "pbrtsubstrate" => self.glossy(&reader),
             "difftrans" | "diffusetransmission" => self.transmitter(&reader),
             other => match StandIn::of(other) {
                 Some(stand_in) => self.stand_in(&reader, stand_in),

@@ -3,12 +3,13 @@
 use super::{Builder, uniform_scale};
 use crate::geometry::{Shape, ShapeId, ShapeSampler, TriangleMesh};
 use crate::light::Light;
-use crate::math::{AnimatedTransform, FRAC_1_PI, Frame, Transform, Vec3};
+use crate::math::{AnimatedTransform, FRAC_1_PI, Frame, PI, Transform, Vec3};
 use crate::motion::MovingShape;
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::{Place, SceneError, within};
 use crate::scene::mesh::{self, MeshFile, RawAttribute, RawMesh, primitives};
 use crate::scene::reader::{POSITIVE, Reader};
+use crate::scene::spectrum::BRIGHTEST;
 use crate::texture::Texture;
 use glam::{DMat4, DVec3};
 use std::sync::Arc;
@@ -152,17 +153,21 @@ impl Builder<'_, '_> {
             "heightfield" => self.height_field(reader, &to_world, flip)?,
             _ => return reader.other_type(&SUPPORTED, "the shape is left out of the picture"),
         };
-        let (material, radiance) = match looks {
+        let (material, lamp) = match looks {
             Some(looks) => looks,
             None => self.looks(reader, bsdf, emitter)?,
         };
         self.attributes = MeshAttributes::default();
         let metered = self.metered.is_some_and(|(object, _)| self.is_object(reader, object));
-        let shape = match radiance.is_some() || metered {
+        let shape = match lamp.is_some() || metered {
             true => self.with_even_area(reader, shape, moving.as_ref().map(|(_, motion)| motion))?,
             false => shape,
         };
         let moving = moving.map(|(_, to_world)| to_world);
+        let area = lamp.as_ref().and_then(|lamp| lamp.power).map(|_| match &moving {
+            Some(to_world) => area_of(&shape.moved(&to_world.at(self.motion.at_rest()))),
+            None => area_of(&shape),
+        });
         let shape = match &moving {
             Some(to_world) => self.add_moving_shape(reader, shape, to_world, material)?,
             None => self.add_shape(shape, material),
@@ -170,8 +175,13 @@ impl Builder<'_, '_> {
         if metered && let Some((_, found)) = &mut self.metered {
             *found = Some(shape);
         }
-        if let (Some(radiance), Some(emitter)) = (radiance, emitter) {
-            let light = self.add_light(Light::Area { shape, radiance }, moving, &emitter.place);
+        if let (Some(lamp), Some(emitter)) = (lamp, emitter) {
+            let light = Light::Area {
+                shape,
+                two_sided: lamp.two_sided,
+                radiance: lamp.radiance(area.unwrap_or(0.0)),
+            };
+            let light = self.add_light(light, moving, &emitter.place);
             self.bindings[shape.0 as usize].light = Some(light);
         }
         Ok(())
@@ -182,26 +192,26 @@ impl Builder<'_, '_> {
         std::ptr::eq(reader.object, &raw const self.description.objects[object])
     }
 
-    /// The material of a shape, and the radiance of its light.
+    /// The material of a shape, and its light.
     fn looks(
         &mut self,
         reader: &Reader,
         bsdf: Option<&Child>,
         emitter: Option<&Child>,
-    ) -> Result<(u32, Option<Texture>), SceneError> {
+    ) -> Result<(u32, Option<Lamp>), SceneError> {
         let material = match bsdf {
             Some(bsdf) => self.material(bsdf.target)?,
             None => self.default_material(),
         };
-        let radiance = match emitter {
+        let lamp = match emitter {
             Some(emitter) => {
                 self.used_area_lights.insert(emitter.target);
-                let radiance = self.area_light(reader, emitter);
-                self.description.attempt(emitter.target, radiance)?
+                let lamp = self.area_light(reader, emitter);
+                self.description.attempt(emitter.target, lamp)?
             }
             None => None,
         };
-        Ok((material, radiance))
+        Ok((material, lamp))
     }
 
     /// Adds a shape that stands in a space of its own and moves in the world by `to_world`.
@@ -248,8 +258,8 @@ impl Builder<'_, '_> {
             .map(|mesh| Shape::Mesh(mesh.into()))
     }
 
-    /// The radiance of a shape's area light.
-    fn area_light(&mut self, shape: &Reader, emitter: &Child) -> Result<Texture, SceneError> {
+    /// A shape's area light.
+    fn area_light(&mut self, shape: &Reader, emitter: &Child) -> Result<Lamp, SceneError> {
         let light = self.reader(emitter.target);
         let is_directional = light.object.plugin == "directionalarea";
         if is_directional {
@@ -266,9 +276,14 @@ impl Builder<'_, '_> {
             // Of a shape of area A the one sends the power A times its radiance, the other pi times that.
             radiance = scaled(radiance, FRAC_1_PI);
         }
+        let lamp = Lamp {
+            radiance,
+            two_sided: light.boolean("two_sided", false)?,
+            power: light.float("power", 0.0..=BRIGHTEST)?.map(|power| power as f32),
+        };
         super::light::check_sampling_weight(&light)?;
         light.finish();
-        Ok(radiance)
+        Ok(lamp)
     }
 
     fn flat_primitive(
@@ -443,6 +458,37 @@ fn is_even_cylinder(to_world: &Transform) -> bool {
     (y.length() - radius).abs() <= 1e-3 * radius
         && x.dot(y).abs() <= 1e-3 * radius * radius
         && x.dot(z).abs().max(y.dot(z).abs()) <= 1e-3 * radius * length
+}
+
+/// The light of a shape whose area is not known yet.
+struct Lamp {
+    radiance: Texture,
+    two_sided: bool,
+    /// What a radiance of luminance 1 shines in all.
+    power: Option<f32>,
+}
+
+impl Lamp {
+    /// The radiance on a shape of this area: as it is written, or with `power` times that over pi times the area of the sides that
+    /// shine; of a texture the mean luminance is 1 then (`DiffuseAreaLight::Create` of pbrt-v4).
+    fn radiance(self, area: f32) -> Texture {
+        let Some(power) = self.power else {
+            return self.radiance;
+        };
+        let sides = if self.two_sided { 2.0 } else { 1.0 };
+        let mean = match &self.radiance {
+            Texture::Constant(_) => 1.0,
+            texture => texture.mean().luminance(),
+        };
+        match PI * sides * area * mean {
+            shone if shone > 0.0 => scaled(self.radiance, power / shone),
+            _ => self.radiance,
+        }
+    }
+}
+
+fn area_of(shape: &Shape) -> f32 {
+    ShapeSampler::of(shape, ShapeId(0)).area()
 }
 
 fn disk(reader: &Reader, to_world: Transform, flip: bool) -> Result<Shape, SceneError> {

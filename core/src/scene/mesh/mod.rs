@@ -11,7 +11,7 @@ mod ply;
 pub(crate) mod primitives;
 mod serialized;
 
-pub(crate) use curves::{CurveKind, Tubes};
+pub(crate) use curves::{CurveKind, Tubes, b_spline_segments};
 pub(crate) use finish::{LARGEST_COORDINATE, finish};
 
 use super::error::{Place, SceneError, within};

@@ -14,6 +14,8 @@ pub(super) struct Views {
     filter: Option<(String, Parameters)>,
     sampler: Option<Parameters>,
     integrator: Option<(String, Parameters)>,
+    /// The length of the film's diagonal [mm].
+    diagonal: f64,
     /// What the film multiplies light by.
     pub(super) imaging_ratio: f64,
 }
@@ -33,12 +35,13 @@ impl Default for Views {
             filter: None,
             sampler: None,
             integrator: None,
+            diagonal: DIAGONAL,
             imaging_ratio: 1.0,
         }
     }
 }
 
-/// The length of a film's diagonal [mm].
+/// The length of a film's diagonal by default [mm].
 const DIAGONAL: f64 = 35.0;
 /// The near clip distance, as small as rays can start; pbrt has none.
 const NEAR: f64 = 1e-4;
@@ -111,15 +114,8 @@ impl Reading<'_, '_> {
         let plugin = match camera.kind.as_str() {
             "perspective" if parameters.float_or("lensradius", 0.0)? > 0.0 => "thinlens",
             "orthographic" => "orthographic",
-            "perspective" | "realistic" => "perspective",
             "spherical" | "environment" => "spherical",
-            other => {
-                let (place, context) = (&parameters.place, parameters.context.clone());
-                let allowed = ["perspective", "orthographic", "spherical", "realistic"];
-                return self
-                    .faults
-                    .note(SceneError::unknown(place, context, "type", other, allowed));
-            }
+            _ => "perspective",
         };
         let sensor = self.add(Kind::Sensor, plugin, parameters);
         self.draft.link(0, None, sensor);
@@ -174,12 +170,23 @@ impl Reading<'_, '_> {
                 libm::tan(half_fov.map_or(0.5 * fov, |half| half).to_radians())
             }
             _ => {
-                parameters
-                    .warn("this type does not exist here: it is rendered as `perspective` of the lens's focal length");
-                parameters.ignore(&["aperturediameter", "aperture", "focusdistance", "simpleweighting"]);
-                let length = parameters.text("lensfile")?.and_then(focal_length).unwrap_or(50.0);
+                let length = parameters.text("lensfile")?.and_then(focal_length);
+                let (fov, of) = match (length, parameters.float("fov")?) {
+                    (None, Some(fov)) => (Some(fov), "its field of view"),
+                    (Some(_), _) => (None, "the focal length in its lens file's name"),
+                    (None, None) => (None, "50 mm"),
+                };
+                let named = "perspective, orthographic, spherical and realistic";
+                parameters.warn(&match camera.kind.as_str() {
+                    "realistic" => format!("it is rendered as `perspective` of {of}"),
+                    _ => format!("there are {named}: it is rendered as `perspective` of {of}"),
+                });
+                parameters.ignore_all();
                 let diagonal = libm::hypot(x1 - x0, y1 - y0) / 2.0;
-                0.5 * DIAGONAL / length / diagonal
+                match fov {
+                    Some(fov) => libm::tan((0.5 * fov).to_radians()),
+                    None => 0.5 * self.views.diagonal / length.unwrap_or(50.0) / diagonal,
+                }
             }
         };
         // Scale along the axes of the camera's space: in the picture that of the image plane, as the map has it.
@@ -261,14 +268,7 @@ impl Reading<'_, '_> {
             return Ok(film);
         };
         if !matches!(kind.as_str(), "rgb" | "gbuffer" | "spectral" | "image") {
-            let (place, context) = (&parameters.place, parameters.context.clone());
-            self.faults.note(SceneError::unknown(
-                place,
-                context,
-                "type",
-                &kind,
-                ["rgb", "gbuffer", "spectral"],
-            ))?;
+            parameters.warn("there is no film of this type: its size counts, and it has red, green and blue");
         }
         if kind == "spectral" {
             parameters.warn("the picture has red, green and blue, and not the film's spectral channels");
@@ -295,13 +295,13 @@ impl Reading<'_, '_> {
                 parameters.warn_of(name, "bright samples are not clamped");
             }
         }
+        self.views.diagonal = parameters.positive_or("diagonal", DIAGONAL)?;
         // What the imaging ratio was made of, what names and forms of files say, and what other films have.
         parameters.ignore(&[
             "iso",
             "scale",
             "filename",
             "savefp16",
-            "diagonal",
             "coordinatesystem",
             "nbuckets",
             "lambdamin",
@@ -378,10 +378,15 @@ impl Reading<'_, '_> {
             }
         };
         let filter = self.add(Kind::Filter, plugin, &parameters);
-        let x = parameters.positive_or("xradius", if self.old && kind == "gaussian" { 2.0 } else { default })?;
-        let y = parameters.positive_or("yradius", x)?;
+        // pbrt-v2 calls them widths.
+        let [x_name, y_name] = match parameters.has("xwidth") || parameters.has("ywidth") {
+            true => ["xwidth", "ywidth"],
+            false => ["xradius", "yradius"],
+        };
+        let x = parameters.positive_or(x_name, if self.old && kind == "gaussian" { 2.0 } else { default })?;
+        let y = parameters.positive_or(y_name, x)?;
         if x != y {
-            parameters.warn_of("yradius", "the filter is as wide along both axes, by their mean");
+            parameters.warn_of(y_name, "the filter is as wide along both axes, by their mean");
         }
         let width = match kind.as_str() {
             // In pbrt-v3 the exponent `alpha` is 1 / (2 sigma^2).
@@ -458,13 +463,16 @@ impl Reading<'_, '_> {
     }
 }
 
-/// The focal length [mm] in the name of a lens file, as in `dgauss.50mm.dat`.
+/// The focal length [mm] in the name of a lens file, as in `dgauss.50mm.dat` and `dgauss.22deg.3.0mm.json`.
 fn focal_length(file: &str) -> Option<f64> {
     let before = &file[..file.rfind("mm")?];
-    let digits = before.rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| at + 1);
-    before
-        .get(digits..)?
-        .parse()
-        .ok()
-        .filter(|length: &f64| (1.0..=1e4).contains(length))
+    let start = |text: &str| text.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    let whole = start(before);
+    let decimal = before[..whole].strip_suffix('.').map(|head| (start(head), head.len()));
+    let first = match decimal {
+        Some((first, end)) if first < end => first,
+        _ => whole,
+    };
+    let length = before.get(first..)?.parse().ok();
+    length.filter(|length: &f64| (0.1..=1e4).contains(length))
 }

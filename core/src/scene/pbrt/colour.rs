@@ -11,8 +11,9 @@
 //! pbrt-v3 takes such spectra as they are.
 
 use super::Reading;
-use super::parameter::{Parameter, Parameters, Type, Values};
+use super::parameter::Parameters;
 use super::token::Tokens;
+use super::values::{Parameter, Type, Values};
 use crate::material::ior;
 use crate::scene::description::SpectrumValue;
 use crate::scene::error::{SceneError, list, shortened};
@@ -198,6 +199,12 @@ impl Reading<'_, '_> {
             },
             _ => return Err(Fault::reason("expected a value of type rgb, spectrum or blackbody")),
         };
+        if used == Use::Reflectance && rgb.iter().any(|channel| *channel > 1.0) {
+            let name = shortened(&parameter.name);
+            let message = format!("`{name}`: {rgb:?} is above 1: what is above 1 counts as 1 in a reflectance");
+            self.warnings.note(&parameter.place, message);
+            return Ok(rgb.map(|channel| channel.clamp(0.0, 1.0)));
+        }
         checked(Colour::Rgb(rgb), used).map(|_| rgb)
     }
 

@@ -135,11 +135,18 @@ impl Reading<'_, '_> {
             }
             "MakeNamedMedium" => self.parameters(word, "medium", tokens).map(|_| ()),
             "MediumInterface" => self.medium_interface(&place, tokens),
-            "Camera" | "Film" | "PixelFilter" | "Sampler" | "Integrator" => {
+            // pbrt-v2 has an integrator for surfaces and another for media.
+            "Camera" | "Film" | "PixelFilter" | "Sampler" | "Integrator" | "SurfaceIntegrator" => {
                 let (kind, parameters) = self.parameters(word, "view", tokens)?;
                 self.view_directive(word, kind, parameters)
             }
-            "Accelerator" => self.parameters(word, "view", tokens).map(|_| ()),
+            "Accelerator" | "VolumeIntegrator" | "Renderer" => self.parameters(word, "view", tokens).map(|_| ()),
+            "Volume" => {
+                let (_, parameters) = self.parameters(word, "medium", tokens)?;
+                parameters.ignore_all();
+                self.media_are_left_out(&place, word);
+                Ok(())
+            }
             _ => self.transform_directive(word, &place, tokens),
         }
     }
@@ -195,12 +202,14 @@ impl Reading<'_, '_> {
                 }
                 Ok(())
             }
-            other => {
-                let reason = match &other {
-                    Some((begun, _, at)) => format!("what ends here is {} of {at}", begun.begin()),
-                    None => format!("there is no {} before it that it ends", block.begin()),
-                };
-                self.blocks.extend(other);
+            None => {
+                let message = format!("{word}: there is no {} before it that it ends", block.begin());
+                self.warnings.note(place, message);
+                Ok(())
+            }
+            Some((begun, state, at)) => {
+                let reason = format!("what ends here is {} of {at}", begun.begin());
+                self.blocks.push((begun, state, at));
                 self.faults.note(SceneError::value(place, word, reason))
             }
         }
@@ -214,13 +223,9 @@ impl Reading<'_, '_> {
         }
         let written = format!("ObjectBegin \"{}\"", shortened(&name));
         let group = self.draft.add(Kind::Shape, "shapegroup", Some(&written), &place);
-        if self.groups.insert(name.clone(), group).is_some() {
-            let reason = "an object of the name has been defined before";
-            self.faults.note(SceneError::Reference {
-                place: place.clone(),
-                id: name,
-                reason: reason.into(),
-            })?;
+        if self.groups.insert(name, group).is_some() {
+            let message = format!("{written}: it takes the place of an object of the name from here on");
+            self.warnings.note(&place, message);
         }
         self.group = Some(group);
         self.begin(Block::Object, place)
@@ -314,11 +319,17 @@ impl Reading<'_, '_> {
         if tokens.peek() == Some(b'"') {
             names.push(tokens.required_text("the medium's name")?);
         }
-        if let (true, Some(without)) = (names.iter().any(|name| !name.is_empty()), Kind::Medium.left_out()) {
-            self.warnings
-                .note(place, format!("MediumInterface: media are left out: {without}"));
+        if names.iter().any(|name| !name.is_empty()) {
+            self.media_are_left_out(place, "MediumInterface");
         }
         Ok(())
+    }
+
+    fn media_are_left_out(&self, place: &Place, word: &str) {
+        if let Some(without) = Kind::Medium.left_out() {
+            self.warnings
+                .note(place, format!("{word}: media are left out: {without}"));
+        }
     }
 
     fn transform_directive(&mut self, word: &str, place: &Place, tokens: &mut Tokens) -> Result<(), SceneError> {

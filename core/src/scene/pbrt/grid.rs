@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 /// Columns about a whole axis of revolution.
 const AROUND: usize = 256;
 /// Rows along a curved profile.
-const ALONG: usize = 128;
+pub(super) const ALONG: usize = 128;
 
 /// A surface that a profile sweeps about the z axis.
 pub(super) struct Revolution<F: Fn(f64) -> Profile> {
@@ -32,15 +32,19 @@ pub(super) struct Profile {
 
 impl<F: Fn(f64) -> Profile> Revolution<F> {
     pub(super) fn mesh(&self) -> RawMesh {
-        let columns = ((AROUND as f64 * self.phi_max / (2.0 * PI)).ceil() as usize).max(1);
         let rows = if self.curved { ALONG } else { 1 };
-        patch(columns, rows, |u, v| {
+        patch(columns(self.phi_max), rows, |u, v| {
             let (sin, cos) = libm::sincos(u * self.phi_max);
             let Profile { r, z, normal } = (self.profile)(v);
             let around = |radial: f64, along: f64| DVec3::new(radial * cos, radial * sin, along);
             (around(r, z), around(normal[0], normal[1]))
         })
     }
+}
+
+/// Columns about an angle [radians] of revolution.
+pub(super) fn columns(phi_max: f64) -> usize {
+    ((AROUND as f64 * phi_max / (2.0 * PI)).ceil() as usize).max(1)
 }
 
 /// The mesh of a surface over the unit square, in cells of which each is two triangles. `at` is a point and its normal.

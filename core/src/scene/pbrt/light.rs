@@ -5,13 +5,13 @@
 
 use super::Reading;
 use super::parameter::Parameters;
+use super::shape::Made;
 use super::state::facing;
 use super::texture::Tint;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError};
 use crate::scene::spectrum::Use;
-use crate::scene::{image, linear_image};
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec3, DVec4};
 use std::f64::consts::{PI, TAU};
 
 const LIGHTS: [&str; 6] = ["point", "spot", "distant", "infinite", "goniometric", "projection"];
@@ -65,7 +65,7 @@ impl Reading<'_, '_> {
         let cone = parameters.float_or("coneangle", 30.0)?;
         let start = cone - parameters.float_or("conedeltaangle", 5.0)?;
         let [cos_start, cos_end] = [start, cone].map(|angle| libm::cos(angle.to_radians()));
-        // The integral of the falloff over all directions (`SpotLight::Phi`).
+        // The integral of the falloff over all directions (`SpotLight::Create`).
         let power = power(parameters, TAU * ((1.0 - cos_start) + 0.5 * (cos_start - cos_end)))?;
         let from = parameters.vector("from")?.unwrap_or(DVec3::ZERO);
         let to = parameters.vector("to")?.unwrap_or(DVec3::Z);
@@ -74,14 +74,13 @@ impl Reading<'_, '_> {
                 .fault::<()>("to", "it is the same point as `from`")
                 .map(|_| ());
         };
-        if start < cone {
-            parameters.warn("its light falls off evenly with the angle, where pbrt's begins and ends smoothly");
-        }
         let light = self.add_light("spot", parameters);
         self.draft
             .set(light, "intensity", Value::Rgb(intensity.map(|channel| channel * power)));
         self.draft.set(light, "cutoff_angle", Value::Float(cone));
         self.draft.set(light, "beam_width", Value::Float(start.max(0.0)));
+        let falloff = if self.old { "fourth_power" } else { "smoothstep" };
+        self.draft.set(light, "falloff", Value::String(falloff.into()));
         let placed = self.state.placed(DMat4::from_translation(from) * turned);
         self.set_rotation(light, placed)
     }
@@ -113,84 +112,54 @@ impl Reading<'_, '_> {
     /// Light from all sides: the same from everywhere, or an image.
     fn infinite(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
         if parameters.has("portal") {
-            let without = "it is left out: light comes from all sides, and not through the portal alone";
+            let without =
+                "it is left out: light comes from all sides, which is the same where no other opening lets it in";
             parameters.warn_of("portal", without);
             parameters.ignore(&["portal"]);
         }
-        // Of a sky of radiance 1 on one side of a surface (`Light::Create`).
         let illuminance = parameters.float("illuminance")?.filter(|value| *value > 0.0);
-        let old_name = if parameters.has("mapname") {
-            "mapname"
-        } else {
-            "filename"
-        };
-        self.old |= old_name == "mapname";
-        let Some(file) = parameters.text(old_name)?.map(str::to_owned) else {
+        let Some(file) = self.image_file(parameters)? else {
             let colour = self.light_colour(parameters, "L")?;
+            // Of a sky of radiance 1 on one side of a surface (`Light::Create`).
             let factor = illuminance.map_or(1.0, |illuminance| illuminance / PI);
             let light = self.add_light("constant", parameters);
             self.draft
                 .set(light, "radiance", Value::Rgb(colour.map(|channel| channel * factor)));
             return Ok(());
         };
-        if illuminance.is_some() {
-            parameters.warn_of(
-                "illuminance",
-                "of an image it is left out: the light is as bright as the image says",
-            );
-        }
         let scale = self.light_colour(parameters, "L")?;
-        if scale[0] != scale[1] || scale[1] != scale[2] {
-            parameters.warn(
-                "the colour beside the image is left out: the light has the image's, and the mean brightness of both",
-            );
-        }
-        let opened = match self.loader.open(&parameters.place, &self.search, &file) {
-            Ok(opened) => opened,
-            Err(fault) => return self.faults.note(fault),
-        };
-        let texels = self.loader.limits.image_texels;
-        let decoded = match image::read(&opened, &linear_image::Reading::COLOURS, texels) {
-            Ok(decoded) => decoded,
-            Err(found) => {
-                let last = self.faults.all_but_last(found);
-                return self.faults.note(last);
-            }
-        };
         let light = self.add_light("envmap", parameters);
         self.draft.set(light, "filename", Value::String(file));
-        let mean = scale.iter().sum::<f64>() / 3.0;
-        self.draft.set(light, "scale", Value::Float(mean));
-        let turned = if decoded.width == decoded.height {
-            self.draft.set(light, "mapping", Value::String("equalarea".into()));
-            DMat4::IDENTITY
-        } else {
-            old_environment()
-        };
-        self.set_rotation(light, self.state.placed(turned))
+        self.draft.set(light, "scale", Value::Rgb(scale));
+        self.draft.set(light, "mapping", Value::String("pbrt".into()));
+        if let Some(illuminance) = illuminance {
+            self.draft.set(light, "illuminance", Value::Float(illuminance));
+        }
+        self.set_rotation(light, self.state.placed(DMat4::IDENTITY))
     }
 
-    fn goniometric(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
-        let intensity = self.light_colour(parameters, "I")?;
-        let old_name = if parameters.has("mapname") {
+    /// The name of a light's image, which is called otherwise in pbrt-v3.
+    fn image_file(&mut self, parameters: &Parameters) -> Result<Option<String>, SceneError> {
+        let name = if parameters.has("mapname") {
             "mapname"
         } else {
             "filename"
         };
-        let Some(file) = parameters.text(old_name)?.map(str::to_owned) else {
+        self.old |= name == "mapname";
+        Ok(parameters.text(name)?.map(str::to_owned))
+    }
+
+    fn goniometric(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
+        let Some(file) = self.image_file(parameters)? else {
             parameters.warn("it has no image: it is a point light");
             return self.point(parameters);
         };
-        if parameters.float("power")?.is_some() {
-            parameters.warn_of(
-                "power",
-                "of an image it is left out: the light is as bright as image and `scale` say",
-            );
-        }
+        let intensity = self.light_colour(parameters, "I")?;
         let light = self.add_light("goniometric", parameters);
         self.draft.set(light, "filename", Value::String(file));
         self.draft.set(light, "intensity", Value::Rgb(intensity));
-        self.draft.set(light, "mapping", Value::String("equalarea".into()));
+        self.draft.set(light, "mapping", Value::String("pbrt".into()));
+        self.set_power(light, parameters)?;
         // The image's axis is y (`GoniometricLight::Create`).
         let swap = DMat4::from_cols(
             DVec3::X.extend(0.0),
@@ -202,34 +171,35 @@ impl Reading<'_, '_> {
     }
 
     fn projection(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
-        let scale = self.light_colour(parameters, "I")?;
-        let old_name = if parameters.has("mapname") {
-            "mapname"
-        } else {
-            "filename"
-        };
-        let Some(file) = parameters.text(old_name)?.map(str::to_owned) else {
+        let Some(file) = self.image_file(parameters)? else {
             return parameters.fault::<()>("filename", "it is missing").map(|_| ());
         };
-        if parameters.float("power")?.is_some() {
-            parameters.warn_of(
-                "power",
-                "of an image it is left out: the light is as bright as image and `scale` say",
-            );
-        }
-        parameters.warn("it lights a plane before it evenly, where pbrt's is as bright in all directions of its image");
-        let image = self.add(Kind::Texture, "bitmap", parameters);
-        self.draft.set(image, "filename", Value::String(file));
+        let scale = self.light_colour(parameters, "I")?;
+        let bitmap = self.add(Kind::Texture, "bitmap", parameters);
+        self.draft.set(bitmap, "filename", Value::String(file));
+        self.draft.set(bitmap, "filter_type", Value::String("nearest".into()));
         let light = self.add_light("projector", parameters);
-        self.draft.link(light, Some("irradiance"), image);
-        // In the middle of the image: ours is the radiance of a white surface at distance 1, which is the intensity over pi.
-        let mean = scale.iter().sum::<f64>() / 3.0;
-        self.draft.set(light, "scale", Value::Float(mean / PI));
+        if scale[0] == scale[1] && scale[1] == scale[2] {
+            self.draft.set(light, "scale", Value::Float(scale[0]));
+            self.draft.link(light, Some("irradiance"), bitmap);
+        } else if let Tint::Texture(image) = self.product(Tint::Texture(bitmap), Tint::Rgb(scale), parameters) {
+            self.draft.link(light, Some("irradiance"), image);
+        }
+        self.draft.set(light, "even", Value::String("directions".into()));
+        self.set_power(light, parameters)?;
         let fov = parameters.float_or("fov", if self.old { 45.0 } else { 90.0 })?;
         self.draft.set(light, "fov", Value::Float(fov));
         self.draft.set(light, "fov_axis", Value::String("smaller".into()));
         let mirrored = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
         self.set_rotation(light, self.state.placed(mirrored))
+    }
+
+    /// Passes on the power that a light's image is scaled to.
+    fn set_power(&mut self, light: ObjectId, parameters: &Parameters) -> Result<(), SceneError> {
+        if let Some(power) = parameters.float("power")?.filter(|power| *power > 0.0) {
+            self.draft.set(light, "power", Value::Float(power));
+        }
+        Ok(())
     }
 
     /// The area light that shapes have from here on; nothing where it is of a type that does not exist.
@@ -242,47 +212,40 @@ impl Reading<'_, '_> {
         self.faults.note(fault).map(|()| None)
     }
 
-    /// Makes a shape shine. `area` is that of the shape, or of each of the lights that it is of in pbrt; `None` where it is not known.
-    pub(super) fn shine(
-        &mut self,
-        shape: ObjectId,
-        parameters: &Parameters,
-        area: Option<f64>,
-        place: &Place,
-    ) -> Result<(), SceneError> {
-        let two_sided = parameters.boolean("twosided", false)?;
-        let mut factor = 1.0;
-        if let Some(power) = parameters.float("power")?.filter(|power| *power > 0.0) {
-            match area {
-                Some(area) => factor = power / (area * PI * if two_sided { 2.0 } else { 1.0 }),
-                None => parameters.warn_of(
-                    "power",
-                    "of this shape it is left out: the radiance is that of `L` and `scale`",
-                ),
-            }
-        }
+    /// Makes a shape shine.
+    pub(super) fn shine(&mut self, made: Made, parameters: &Parameters, place: &Place) -> Result<(), SceneError> {
         let emitter = self.draft.add(Kind::Emitter, "area", Some(&parameters.context), place);
+        let power = parameters.float("power")?.filter(|power| *power > 0.0);
+        let mut power = power.map(|power| power * made.lights as f64);
         if let Some(file) = parameters.text("filename")?.map(str::to_owned) {
-            let scale = self.light_scale(parameters)?.map(|scale| scale * factor);
+            let scale = self.light_scale(parameters)?[1];
             let image = self.add(Kind::Texture, "bitmap", parameters);
             self.draft.set(image, "filename", Value::String(file));
             self.flip_v(image);
-            if let Tint::Texture(scaled) = self.product(Tint::Texture(image), Tint::Number(scale[1]), parameters) {
+            // An image of a given power counts by its form alone.
+            let factor = match &mut power {
+                Some(power) => {
+                    *power *= scale;
+                    1.0
+                }
+                None => scale,
+            };
+            if let Tint::Texture(scaled) = self.product(Tint::Texture(image), Tint::Number(factor), parameters) {
                 self.draft.link(emitter, Some("radiance"), scaled);
             }
-            if factor != 1.0 {
-                parameters.warn_of("power", "the mean of the image is taken for 1");
-            }
         } else {
-            let radiance = self.light_colour(parameters, "L")?.map(|channel| channel * factor);
+            let radiance = self.light_colour(parameters, "L")?;
             self.draft.set(emitter, "radiance", Value::Rgb(radiance));
+        }
+        if let Some(power) = power {
+            self.draft.set(emitter, "power", Value::Float(power));
+        }
+        if parameters.boolean("twosided", false)? {
+            self.draft.set(emitter, "two_sided", Value::Boolean(true));
         }
         parameters.ignore(&["nsamples", "samples"]);
         parameters.finish();
-        if two_sided {
-            parameters.warn_of("twosided", "the shape shines from its outer side alone");
-        }
-        self.draft.link(shape, None, emitter);
+        self.draft.link(made.object, None, emitter);
         Ok(())
     }
 
@@ -292,25 +255,16 @@ impl Reading<'_, '_> {
         light
     }
 
-    /// Sets `to_world` of something that has a direction and no size: without scale.
+    /// Sets `to_world` of something that has a direction and no size: without scale, and without what projects, which changes no
+    /// direction in pbrt.
     fn set_rotation(&mut self, object: ObjectId, placed: [DMat4; 2]) -> Result<(), SceneError> {
         let unscaled = placed.map(|matrix| {
-            let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis.normalize_or_zero());
-            DMat4::from_cols(axes[0], axes[1], axes[2], matrix.w_axis)
+            let axis = |axis: DVec4| axis.truncate().normalize_or_zero().extend(0.0);
+            let place = matrix.w_axis.truncate().extend(1.0);
+            DMat4::from_cols(axis(matrix.x_axis), axis(matrix.y_axis), axis(matrix.z_axis), place)
         });
         self.set_to_world(object, unscaled)
     }
-}
-
-/// What turns our images of all directions, whose pole is +y and whose middle is +z, into those of pbrt-v3: their pole is +z, and their left
-/// edge +x, from where they go to +y.
-fn old_environment() -> DMat4 {
-    DMat4::from_cols(
-        DVec3::Y.extend(0.0),
-        DVec3::Z.extend(0.0),
-        DVec3::NEG_X.extend(0.0),
-        DVec3::ZERO.extend(1.0),
-    )
 }
 
 /// The factor by which `power` multiplies a light that emits `emitted` for each unit of its intensity, where that is given.

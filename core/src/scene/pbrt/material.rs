@@ -4,12 +4,12 @@
 //! the distribution of Trowbridge and Reitz, GGX.
 
 use super::Reading;
-use super::old_material::old_alpha;
 use super::parameter::Parameters;
 use super::texture::Tint;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError};
 use crate::scene::spectrum::Use;
+use crate::texture::Curve;
 
 pub(super) const MATERIALS: [&str; 14] = [
     "diffuse",
@@ -36,6 +36,14 @@ const SMOOTH: f64 = 1e-3;
 pub(super) struct Roughness([Tint; 2]);
 
 impl Roughness {
+    /// As metals and plastics of pbrt-v3 have it, whose roughness 0 is not smooth.
+    pub(super) fn never_smooth(self) -> Self {
+        Self(self.0.map(|alpha| match alpha {
+            Tint::Number(0.0) => Tint::Number(Curve::OldRoughness.of(0.0).into()),
+            alpha => alpha,
+        }))
+    }
+
     fn is_smooth(self) -> bool {
         self.0
             .iter()
@@ -81,7 +89,7 @@ impl Reading<'_, '_> {
                 let reflectance = self.reflectance(parameters, "reflectance", 0.5)?;
                 let roughness = self.roughness(parameters, "", 0.0)?;
                 self.layers(parameters, "the layers' own scattering is that of `roughplastic`")?;
-                self.coated(parameters, reflectance, None, roughness)
+                self.coated(parameters, reflectance, roughness)
             }
             "coatedconductor" => self.coated_conductor(parameters),
             "diffusetransmission" => {
@@ -116,7 +124,7 @@ impl Reading<'_, '_> {
                 let reflectance = self.reflectance(parameters, name, 0.8)?;
                 let roughness = self.roughness(parameters, "", 0.0)?;
                 parameters.ignore_all();
-                self.coated(parameters, reflectance, None, roughness)
+                self.coated(parameters, reflectance, roughness)
             }
             _ => self.old_material(kind, parameters),
         }
@@ -167,25 +175,30 @@ impl Reading<'_, '_> {
             .float_tint(parameters, &format!("{prefix}vroughness"))?
             .unwrap_or(both);
         let remap = parameters.boolean("remaproughness", true)?;
-        let old = self.old;
-        let alpha = |tint: Tint| match tint {
-            // What is said to be smooth is, also in pbrt-v3.
-            Tint::Number(0.0) => tint,
-            Tint::Number(roughness) if remap && old => Tint::Number(old_alpha(roughness)),
-            Tint::Number(roughness) if remap => Tint::Number(roughness.max(0.0).sqrt()),
-            Tint::Texture(_) if remap => {
-                let without =
-                    "the texture's values are taken as the width of the distribution, which is their root in pbrt";
-                parameters.warn_of(&format!("{prefix}roughness"), without);
-                tint
+        if !remap {
+            return Ok(Roughness([u, v]));
+        }
+        let curve = if self.old { Curve::OldRoughness } else { Curve::Root };
+        let mut alpha = |tint: Tint| match tint {
+            Tint::Texture(texture) => {
+                let curved = self.add(Kind::Texture, "curve", parameters);
+                self.draft.link(curved, Some("tex"), texture);
+                let name = if self.old { "pbrt3_roughness" } else { "root" };
+                self.draft.set(curved, "curve", Value::String(name.into()));
+                Tint::Texture(curved)
             }
-            _ => tint,
+            // What is said to be smooth is.
+            Tint::Number(0.0) => tint,
+            Tint::Number(roughness) if curve == Curve::Root => Tint::Number(roughness.max(0.0).sqrt()),
+            Tint::Number(roughness) => Tint::Number(curve.of(roughness as f32).into()),
+            Tint::Rgb(_) => tint,
         };
-        Ok(Roughness([alpha(u), alpha(v)]))
+        let first = alpha(u);
+        Ok(Roughness([first, if u == v { first } else { alpha(v) }]))
     }
 
     /// Gives `object` its roughness.
-    fn set_roughness(&mut self, object: ObjectId, roughness: Roughness) {
+    pub(super) fn set_roughness(&mut self, object: ObjectId, roughness: Roughness) {
         self.draft.set(object, "distribution", Value::String("ggx".into()));
         let bounded = |tint| match tint {
             Tint::Number(alpha) => Tint::Number(alpha.clamp(1e-4, 10.0)),
@@ -201,7 +214,7 @@ impl Reading<'_, '_> {
     }
 
     /// The index of refraction `name` of what lies behind a surface in empty space.
-    fn index(&mut self, parameters: &Parameters, name: &str) -> Result<f64, SceneError> {
+    pub(super) fn index(&mut self, parameters: &Parameters, name: &str) -> Result<f64, SceneError> {
         let Some(eta) = self.colour(parameters, name, Use::Constant)? else {
             return Ok(1.5);
         };
@@ -246,7 +259,10 @@ impl Reading<'_, '_> {
         parameters: &Parameters,
         default_roughness: f64,
     ) -> Result<ObjectId, SceneError> {
-        let roughness = self.roughness(parameters, "", default_roughness)?;
+        let mut roughness = self.roughness(parameters, "", default_roughness)?;
+        if self.old {
+            roughness = roughness.never_smooth();
+        }
         let metal = self.metal(parameters, "", roughness, 1.0)?;
         Ok(self.two_sided(metal, parameters))
     }
@@ -312,7 +328,6 @@ impl Reading<'_, '_> {
         &mut self,
         parameters: &Parameters,
         reflectance: Tint,
-        specular: Option<Tint>,
         roughness: Roughness,
     ) -> Result<ObjectId, SceneError> {
         let plugin = if roughness.is_smooth() {
@@ -322,9 +337,6 @@ impl Reading<'_, '_> {
         };
         let plastic = self.add(Kind::Bsdf, plugin, parameters);
         self.attach(plastic, "diffuse_reflectance", reflectance);
-        if let Some(specular) = specular {
-            self.attach(plastic, "specular_reflectance", specular);
-        }
         self.draft.set(plastic, "nonlinear", Value::Boolean(true));
         self.indices(plastic, parameters, "eta")?;
         if !roughness.is_smooth() {

@@ -9,6 +9,7 @@
 
 mod camera;
 mod colour;
+mod curve;
 mod directive;
 mod grid;
 mod light;
@@ -23,6 +24,7 @@ mod subdivision;
 mod tests;
 mod texture;
 mod token;
+mod values;
 
 use super::description::{Description, Draft, Kind, ObjectId, Value};
 use super::error::{Place, SceneError, within};
@@ -31,6 +33,7 @@ use super::loader::{LoadedFile, Loader};
 use super::warning::Warnings;
 use crate::math::{AnimatedTransform, Transform};
 use camera::Views;
+use curve::Strands;
 use flate2::bufread::MultiGzDecoder;
 use glam::DMat4;
 use state::{Block, State};
@@ -65,6 +68,7 @@ pub(crate) fn read(
         group: None,
         times: [0.0, 1.0],
         views: Views::default(),
+        strands: None,
         in_world: false,
         shapes: 0,
         open_files: Vec::new(),
@@ -100,6 +104,8 @@ struct Reading<'r, 'f> {
     /// The times of the two transforms.
     times: [f64; 2],
     views: Views,
+    /// Curves that may go on.
+    strands: Option<Strands>,
     /// Whether `WorldBegin` was read.
     in_world: bool,
     shapes: u64,
@@ -161,9 +167,10 @@ impl Reading<'_, '_> {
 
     fn finish(mut self) -> Result<Description, SceneError> {
         for (block, _, place) in &self.blocks {
-            let reason = "the scene ends before it does";
-            self.faults.note(SceneError::value(place, block.begin(), reason))?;
+            let message = format!("{}: the scene ends before it does", block.begin());
+            self.warnings.note(place, message);
         }
+        self.finish_strands()?;
         self.view()?;
         Ok(self.draft.finish())
     }

@@ -5,7 +5,7 @@ use super::material::MATERIALS;
 use super::parameter::Parameters;
 use super::texture::Tint;
 use crate::scene::description::{Kind, ObjectId, Value};
-use crate::scene::error::SceneError;
+use crate::scene::error::{SceneError, did_you_mean, list, shortened};
 use crate::scene::spectrum::Use;
 
 impl Reading<'_, '_> {
@@ -26,16 +26,35 @@ impl Reading<'_, '_> {
                 self.draft.set(rough, "alpha", Value::Float(alpha));
                 Ok(self.two_sided(rough, parameters))
             }
-            "plastic" | "substrate" | "uber" => {
+            "substrate" => {
                 self.old = true;
-                let default = if kind == "substrate" { 0.5 } else { 0.25 };
-                let diffuse = self.reflectance(parameters, "Kd", default)?;
-                let specular = self.reflectance(parameters, "Ks", default)?;
-                let roughness = self.roughness(parameters, "", 0.1)?;
-                parameters.warn("it is rendered as `coateddiffuse`, whose coat and base share the light otherwise");
+                let substrate = self.add(Kind::Bsdf, "pbrtsubstrate", parameters);
+                for (name, property) in [("Kd", "diffuse_reflectance"), ("Ks", "specular_reflectance")] {
+                    let part = self.reflectance(parameters, name, 0.5)?;
+                    self.attach(substrate, property, part);
+                }
+                let roughness = self.roughness(parameters, "", 0.1)?.never_smooth();
+                self.set_roughness(substrate, roughness);
+                Ok(self.two_sided(substrate, parameters))
+            }
+            "plastic" => {
+                self.old = true;
+                // pbrt-v3 takes the light as coming from within, from where steep directions are mirrored in all
+                // (`PlasticMaterial::ComputeScatteringFunctions`).
+                self.plastic(parameters, 1.0 / 1.5)
+            }
+            "uber" => {
+                self.old = true;
                 let opacity = self.tint(parameters, "opacity", Use::Reflectance)?;
-                parameters.ignore(&["Kr", "Kt", "eta", "index"]);
-                let coated = self.coated(parameters, diffuse, Some(specular), roughness)?;
+                let index = if parameters.has("index") { "index" } else { "eta" };
+                let eta = self.index(parameters, index)?;
+                for name in ["Kr", "Kt"] {
+                    let part = self.tint(parameters, name, Use::Reflectance)?;
+                    if part.is_some_and(|part| part.constant() != Some([0.0; 3])) {
+                        parameters.warn_of(name, "light that is mirrored or let through by this factor is left out");
+                    }
+                }
+                let coated = self.plastic(parameters, eta)?;
                 Ok(match opacity {
                     Some(opacity) if opacity.constant() != Some([1.0; 3]) => {
                         let mask = self.add(Kind::Bsdf, "mask", parameters);
@@ -86,13 +105,33 @@ impl Reading<'_, '_> {
                 self.disney(parameters)
             }
             _ => {
-                let (place, context) = (&parameters.place, parameters.context.clone());
-                self.faults
-                    .note(SceneError::unknown(place, context, "type", kind, MATERIALS))?;
+                let known = MATERIALS.iter().filter(|known| !known.is_empty()).copied();
+                let known = list(known);
+                let hint = did_you_mean(kind, &known);
+                let kind = shortened(kind);
+                parameters.warn(&format!(
+                    "there is no type `{kind}`: it is rendered as `diffuse` of reflectance 0.5;{hint} known: {known}"
+                ));
                 parameters.ignore_all();
                 Ok(self.diffuse(parameters, Tint::Number(0.5)))
             }
         }
+    }
+
+    /// A diffuse part and a highlight of dielectric microfacets, of an index over that before them.
+    fn plastic(&mut self, parameters: &Parameters, eta: f64) -> Result<ObjectId, SceneError> {
+        let diffuse = self.reflectance(parameters, "Kd", 0.25)?;
+        let specular = self.reflectance(parameters, "Ks", 0.25)?;
+        let roughness = self.roughness(parameters, "", 0.1)?.never_smooth();
+        if specular.constant() == Some([0.0; 3]) {
+            return Ok(self.diffuse(parameters, diffuse));
+        }
+        let plastic = self.add(Kind::Bsdf, "pbrtplastic", parameters);
+        self.attach(plastic, "diffuse_reflectance", diffuse);
+        self.attach(plastic, "specular_reflectance", specular);
+        self.draft.set(plastic, "eta", Value::Float(eta));
+        self.set_roughness(plastic, roughness);
+        Ok(self.two_sided(plastic, parameters))
     }
 
     fn disney(&mut self, parameters: &Parameters) -> Result<ObjectId, SceneError> {
@@ -120,24 +159,5 @@ impl Reading<'_, '_> {
         }
         parameters.ignore_all();
         Ok(principled)
-    }
-}
-
-/// The width of the distribution in pbrt-v3.
-pub(super) fn old_alpha(roughness: f64) -> f64 {
-    let x = libm::log(roughness.max(1e-3));
-    1.621_42 + x * (0.819_955 + x * (0.173_4 + x * (0.017_120_1 + x * 0.000_640_711)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The values of the polynomial at 1 and 0.1, by hand.
-    #[test]
-    fn roughness_of_pbrt_v3() {
-        assert!((old_alpha(1.0) - 1.621_42).abs() < 1e-12);
-        assert!((old_alpha(0.1) - 0.461_76).abs() < 1e-4, "{}", old_alpha(0.1));
-        assert_eq!(old_alpha(0.0), old_alpha(1e-3));
     }
 }

@@ -1,7 +1,7 @@
-//! Spheres, discs, cylinders, cones and paraboloids, whole or cut.
+//! Spheres, discs, cylinders, cones, paraboloids and hyperboloids, whole or cut.
 
 use super::Reading;
-use super::grid::{Profile, Revolution};
+use super::grid::{ALONG, Profile, Revolution, columns, patch};
 use super::parameter::Parameters;
 use super::shape::Made;
 use crate::scene::description::Value;
@@ -15,24 +15,21 @@ impl Reading<'_, '_> {
         Ok(parameters.positive_or("phimax", 360.0)?.min(360.0).to_radians())
     }
 
-    /// Adds a surface of revolution as a mesh.
-    fn revolution<F: Fn(f64) -> Profile>(
+    /// Adds what a profile sweeps about the axis, as a mesh. A light has the whole of it.
+    fn revolution(
         &mut self,
         parameters: &Parameters,
-        surface: &Revolution<F>,
-        area: f64,
+        curved: bool,
+        phi_max: f64,
+        profile: impl Fn(f64) -> Profile,
     ) -> Result<Option<Made>, SceneError> {
+        let surface = Revolution {
+            profile,
+            curved,
+            phi_max,
+        };
         let made = self.add_mesh(parameters, surface.mesh(), self.turned())?;
-        // A light has the whole area, and not that of a triangle.
-        Ok(made.map(|made| Made {
-            area: self.world_area(area),
-            ..made
-        }))
-    }
-
-    /// The area in the world of a shape, where its transform scales evenly.
-    fn world_area(&self, area: f64) -> Option<f64> {
-        even_scale(self.state.to_world[0]).map(|scale| area * scale * scale)
+        Ok(made.map(|made| Made { lights: 1, ..made }))
     }
 
     pub(super) fn sphere(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
@@ -41,19 +38,15 @@ impl Reading<'_, '_> {
         let z_max = parameters.float_or("zmax", radius)?.clamp(-radius, radius);
         let (z_min, z_max) = (z_min.min(z_max), z_min.max(z_max));
         let phi_max = self.phi_max(parameters)?;
-        let area = phi_max * radius * (z_max - z_min);
         let whole = phi_max == TAU && z_min == -radius && z_max == radius;
-        if whole
-            && !self.is_textured(parameters)?
-            && self.state.to_world.iter().all(|matrix| even_scale(*matrix).is_some())
-        {
+        if whole && !self.is_textured(parameters)? && self.state.to_world.iter().all(|matrix| scales_evenly(*matrix)) {
             // Our sphere is turned over by a mirroring, as pbrt's is.
             let flip = self.state.reverse_orientation;
             let shape = self.add_shape("sphere", parameters, DMat4::IDENTITY, flip)?;
             self.draft.set(shape, "radius", Value::Float(radius));
             return Ok(Some(Made {
                 object: shape,
-                area: self.world_area(area),
+                lights: 1,
             }));
         }
         let [theta_min, theta_max] = [z_min, z_max].map(|z| libm::acos((z / radius).clamp(-1.0, 1.0)));
@@ -65,15 +58,7 @@ impl Reading<'_, '_> {
                 normal: [sin, cos],
             }
         };
-        self.revolution(
-            parameters,
-            &Revolution {
-                profile,
-                curved: true,
-                phi_max,
-            },
-            area,
-        )
+        self.revolution(parameters, true, phi_max, profile)
     }
 
     pub(super) fn disk(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
@@ -81,14 +66,13 @@ impl Reading<'_, '_> {
         let radius = parameters.positive_or("radius", 1.0)?;
         let inner = parameters.float_or("innerradius", 0.0)?.clamp(0.0, radius);
         let phi_max = self.phi_max(parameters)?;
-        let area = 0.5 * phi_max * (radius * radius - inner * inner);
         if inner == 0.0 && phi_max == TAU && !self.is_textured(parameters)? {
             let placed =
                 DMat4::from_translation(DVec3::Z * height) * DMat4::from_scale(DVec3::new(radius, radius, 1.0));
             let shape = self.add_shape("disk", parameters, placed, self.turned())?;
             return Ok(Some(Made {
                 object: shape,
-                area: self.world_area(area),
+                lights: 1,
             }));
         }
         let profile = |v: f64| Profile {
@@ -96,15 +80,7 @@ impl Reading<'_, '_> {
             z: height,
             normal: [0.0, 1.0],
         };
-        self.revolution(
-            parameters,
-            &Revolution {
-                profile,
-                curved: false,
-                phi_max,
-            },
-            area,
-        )
+        self.revolution(parameters, false, phi_max, profile)
     }
 
     pub(super) fn cylinder(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
@@ -115,43 +91,45 @@ impl Reading<'_, '_> {
             return parameters.fault("zmax", "the cylinder has no height");
         }
         let phi_max = self.phi_max(parameters)?;
-        let area = phi_max * radius * (z_max - z_min);
         let profile = |v: f64| Profile {
             r: radius,
             z: z_min + (z_max - z_min) * v,
             normal: [1.0, 0.0],
         };
-        self.revolution(
-            parameters,
-            &Revolution {
-                profile,
-                curved: false,
-                phi_max,
-            },
-            area,
-        )
+        self.revolution(parameters, false, phi_max, profile)
     }
 
     pub(super) fn cone(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
         let radius = parameters.positive_or("radius", 1.0)?;
         let height = parameters.positive_or("height", 1.0)?;
         let phi_max = self.phi_max(parameters)?;
-        let side = libm::hypot(radius, height);
         let profile = |v: f64| Profile {
             r: radius * (1.0 - v),
             z: height * v,
             normal: [height, radius],
         };
-        let area = 0.5 * phi_max * radius * side;
-        self.revolution(
-            parameters,
-            &Revolution {
-                profile,
-                curved: false,
-                phi_max,
-            },
-            area,
-        )
+        self.revolution(parameters, false, phi_max, profile)
+    }
+
+    /// What a line from `p1` to `p2` sweeps about the axis.
+    pub(super) fn hyperboloid(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
+        let p1 = parameters.vector("p1")?.unwrap_or(DVec3::ZERO);
+        let p2 = parameters.vector("p2")?.unwrap_or(DVec3::ONE);
+        let phi_max = self.phi_max(parameters)?;
+        let on_axis = |p: DVec3| p.x == 0.0 && p.y == 0.0;
+        if p1 == p2 || (on_axis(p1) && on_axis(p2)) {
+            return parameters.fault("p2", "the line from `p1` has no length, or is the axis");
+        }
+        let along = p2 - p1;
+        let mesh = patch(columns(phi_max), ALONG, |u, v| {
+            let (sin, cos) = libm::sincos(u * phi_max);
+            let turn = |p: DVec3| DVec3::new(p.x * cos - p.y * sin, p.x * sin + p.y * cos, p.z);
+            let (point, up) = (turn(p1 + along * v), turn(along));
+            let about = DVec3::new(-point.y, point.x, 0.0);
+            (point, about.cross(up))
+        });
+        let made = self.add_mesh(parameters, mesh, self.turned())?;
+        Ok(made.map(|made| Made { lights: 1, ..made }))
     }
 
     pub(super) fn paraboloid(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
@@ -173,28 +151,15 @@ impl Reading<'_, '_> {
                 normal: [2.0 * k * r, -1.0],
             }
         };
-        let part = |z: f64| {
-            let root = (1.0 + 4.0 * k * z).sqrt();
-            root * root * root
-        };
-        let area = phi_max / (12.0 * k * k) * (part(z_max) - part(z_min));
-        self.revolution(
-            parameters,
-            &Revolution {
-                profile,
-                curved: true,
-                phi_max,
-            },
-            area,
-        )
+        self.revolution(parameters, true, phi_max, profile)
     }
 }
 
-/// The factor by which a map scales, where it is the same in all directions.
-fn even_scale(matrix: DMat4) -> Option<f64> {
+/// Whether a map scales by the same factor in all directions.
+fn scales_evenly(matrix: DMat4) -> bool {
     let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis.truncate());
     let scale = axes[0].length();
     let even = axes.iter().all(|axis| (axis.length() - scale).abs() <= 1e-4 * scale);
     let square = (0..3).all(|i| axes[i].dot(axes[(i + 1) % 3]).abs() <= 1e-4 * scale * scale);
-    (even && square && scale > 0.0).then_some(scale)
+    even && square && scale > 0.0
 }

@@ -10,7 +10,7 @@ use super::subdivision::subdivide;
 use super::texture::Tint;
 use crate::math::{Vec2, Vec3};
 use crate::scene::description::{Kind, ObjectId, Value};
-use crate::scene::error::{SceneError, within};
+use crate::scene::error::{Place, SceneError, within};
 use crate::scene::loader::LoadedFile;
 use crate::scene::mesh::RawMesh;
 use glam::DMat4;
@@ -27,15 +27,19 @@ const SHAPES: [&str; 8] = [
     "curve",
 ];
 
-/// A shape that was made, with what lights need to know.
+/// A shape that was made.
+#[derive(Clone, Copy)]
 pub(super) struct Made {
     pub(super) object: ObjectId,
-    /// The area of what is one light in pbrt: a shape, or a triangle of a mesh.
-    pub(super) area: Option<f64>,
+    /// How many lights it is in pbrt, where each triangle of a mesh is one.
+    pub(super) lights: usize,
 }
 
 impl Reading<'_, '_> {
     pub(super) fn shape(&mut self, kind: &str, parameters: &Parameters) -> Result<(), SceneError> {
+        if kind == "curve" {
+            return self.curve(parameters);
+        }
         self.count_shape(&parameters.place)?;
         let made = match kind {
             "trianglemesh" => self.triangle_mesh(parameters)?,
@@ -45,9 +49,11 @@ impl Reading<'_, '_> {
             "cylinder" => self.cylinder(parameters)?,
             "cone" => self.cone(parameters)?,
             "paraboloid" => self.paraboloid(parameters)?,
+            "hyperboloid" => self.hyperboloid(parameters)?,
             "bilinearmesh" => self.bilinear_mesh(parameters)?,
             "loopsubdiv" => self.loop_subdivision(parameters)?,
-            "curve" | "hyperboloid" | "heightfield" | "heightfield2" | "nurbs" => {
+            "heightfield" => self.height_field(parameters)?,
+            "nurbs" => {
                 parameters.warn("this type does not exist here: the shape is left out of the picture");
                 return Ok(());
             }
@@ -73,6 +79,12 @@ impl Reading<'_, '_> {
             Some(material) => material,
             None => self.default_material(),
         };
+        if opacity == Some(Tint::Number(0.0)) && self.state.area_light.is_some() {
+            parameters.warn_of(
+                "alpha",
+                "the lamp is seen, and mirrored, where pbrt's shines without being seen",
+            );
+        }
         if let Some(opacity) = opacity.filter(|opacity| *opacity != Tint::Number(1.0)) {
             let opacity = match opacity {
                 Tint::Number(value) => Tint::Number(value.clamp(0.0, 1.0)),
@@ -82,14 +94,26 @@ impl Reading<'_, '_> {
         }
         self.draft.link(made.object, None, material);
         if let Some(light) = self.state.area_light.clone() {
-            match self.group {
-                Some(_) => light.warn("objects do not shine: shapes between ObjectBegin and ObjectEnd are without it"),
-                None => self.shine(made.object, &light, made.area, &parameters.place)?,
-            }
+            self.light_up(made, &light, self.group, &parameters.place)?;
         }
         let parent = self.group.unwrap_or(0);
         self.draft.link(parent, None, made.object);
         Ok(())
+    }
+
+    /// Gives a shape an area light, unless it is part of a group.
+    pub(super) fn light_up(
+        &mut self,
+        made: Made,
+        light: &Parameters,
+        group: Option<ObjectId>,
+        place: &Place,
+    ) -> Result<(), SceneError> {
+        if group.is_some() {
+            light.warn("objects do not shine: shapes between ObjectBegin and ObjectEnd are without it");
+            return Ok(());
+        }
+        self.shine(made, light, place)
     }
 
     /// Adds a shape that stands where the state has it.
@@ -118,38 +142,29 @@ impl Reading<'_, '_> {
         mesh: RawMesh,
         flip: bool,
     ) -> Result<Option<Made>, SceneError> {
-        let area = self.mean_area(&mesh);
+        let lights = mesh.triangles.len();
         let shape = self.add_shape("mesh", parameters, DMat4::IDENTITY, flip)?;
         if mesh.normals.is_empty() {
             self.draft.set(shape, "face_normals", Value::Boolean(true));
         }
         self.draft.set(shape, "mesh", Value::Mesh(Arc::new(mesh)));
-        Ok(Some(Made { object: shape, area }))
+        Ok(Some(Made { object: shape, lights }))
     }
 
-    /// The mean area of a mesh's triangles in the world, of which each is a light of its own in pbrt; `None` where nothing asks for it.
-    fn mean_area(&self, mesh: &RawMesh) -> Option<f64> {
-        let light = self.state.area_light.as_ref()?;
-        if !light.has("power") {
-            return None;
-        }
+    /// Warns where the triangles of a mesh that shines with a given power have different areas.
+    fn compare_areas(&self, mesh: &RawMesh) {
+        let Some(light) = self.state.area_light.as_ref().filter(|light| light.has("power")) else {
+            return;
+        };
         let matrix = self.state.to_world[0];
         let areas = mesh.triangles.iter().map(|triangle| {
             let [a, b, c] = triangle.map(|vertex| matrix.transform_point3(mesh.positions[vertex as usize].as_dvec3()));
-            0.5 * (b - a).cross(c - a).length()
+            (b - a).cross(c - a).length()
         });
-        let (mut sum, mut smallest, mut largest) = (0.0, f64::MAX, 0.0_f64);
-        for area in areas {
-            sum += area;
-            smallest = smallest.min(area);
-            largest = largest.max(area);
-        }
+        let (smallest, largest) = areas.fold((f64::MAX, 0.0_f64), |(s, l), area| (s.min(area), l.max(area)));
         if smallest < 0.999 * largest {
-            let message =
-                "each of the light's triangles has this power in pbrt: here they share the sum, and shine alike";
-            light.warn_of("power", message);
+            light.warn_of("power", SHARED_POWER);
         }
-        Some(sum / mesh.triangles.len() as f64).filter(|area| *area > 0.0)
     }
 
     /// Whether shapes without normals of their own are turned over.
@@ -188,6 +203,7 @@ impl Reading<'_, '_> {
             true => self.turned(),
             false => self.state.reverse_orientation,
         };
+        self.compare_areas(&mesh.mesh);
         self.add_mesh(parameters, mesh.mesh, flip)
     }
 
@@ -256,17 +272,26 @@ impl Reading<'_, '_> {
         };
         let shape = self.add_shape("ply", parameters, DMat4::IDENTITY, flip)?;
         let source = match packed {
-            true => Value::File(LoadedFile { name: file.name, bytes }),
+            true => Value::File(LoadedFile {
+                name: file.name,
+                bytes: bytes.clone(),
+            }),
             false => Value::String(name),
         };
         self.draft.set(shape, "filename", source);
         if flat {
             self.draft.set(shape, "face_normals", Value::Boolean(true));
         }
-        Ok(Some(Made {
-            object: shape,
-            area: None,
-        }))
+        let lights = faces(&bytes);
+        if let Some(light) = self
+            .state
+            .area_light
+            .as_ref()
+            .filter(|light| light.has("power") && lights != 1)
+        {
+            light.warn_of("power", SHARED_POWER);
+        }
+        Ok(Some(Made { object: shape, lights }))
     }
 
     fn bilinear_mesh(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
@@ -309,13 +334,39 @@ impl Reading<'_, '_> {
         } else {
             self.state.reverse_orientation
         };
-        let triangles = mesh.triangles.len();
         let made = self.add_mesh(parameters, mesh, flip)?;
         // A patch is a light, and not each of its triangles.
         Ok(made.map(|made| Made {
-            area: made.area.map(|area| area * triangles as f64 / patches as f64),
+            lights: patches,
             ..made
         }))
+    }
+
+    /// The unit square raised by heights, of which a row runs along x.
+    fn height_field(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
+        let heights = parameters.groups::<1>("Pz")?.unwrap_or_default();
+        let [columns, rows] =
+            [parameters.integer("nu")?, parameters.integer("nv")?].map(|side| side.unwrap_or(0).max(0));
+        let (columns, rows) = (columns as usize, rows as usize);
+        if columns < 2 || rows < 2 || columns.checked_mul(rows) != Some(heights.len()) {
+            let reason = format!(
+                "there are {} heights for {columns} times {rows}; a field has 2 by 2 or more",
+                heights.len()
+            );
+            return parameters.fault("Pz", reason);
+        }
+        let mut mesh = RawMesh::default();
+        for (index, [height]) in heights.into_iter().enumerate() {
+            let at = [index % columns, index / columns];
+            let uv = Vec2::new(at[0] as f32 / (columns - 1) as f32, at[1] as f32 / (rows - 1) as f32);
+            mesh.positions.push(uv.extend(height));
+            mesh.uvs.push(uv);
+            if at[0] + 1 < columns && at[1] + 1 < rows {
+                let [a, b, c, d] = [0, 1, columns, columns + 1].map(|step| (index + step) as u32);
+                mesh.triangles.extend([[a, b, d], [a, d, c]]);
+            }
+        }
+        self.add_mesh(parameters, mesh, self.turned())
     }
 
     fn loop_subdivision(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
@@ -347,16 +398,34 @@ struct Indexed {
     indices: Vec<u32>,
 }
 
-/// Whether the header of a PLY file declares normals.
-fn has_normals(bytes: &[u8]) -> bool {
+/// What becomes of the power of lights that share it.
+const SHARED_POWER: &str = "each face of the mesh has this power in pbrt: here they share the sum, and shine alike";
+
+/// The header of a PLY file.
+fn header(bytes: &[u8]) -> String {
     let head = &bytes[..bytes.len().min(1 << 16)];
     let end = head
         .windows(10)
         .position(|window| window == b"end_header")
         .unwrap_or(head.len());
-    let header = String::from_utf8_lossy(&head[..end]);
-    header.split(['\n', '\r']).any(|line| {
+    String::from_utf8_lossy(&head[..end]).into_owned()
+}
+
+/// Whether the header of a PLY file declares normals.
+fn has_normals(bytes: &[u8]) -> bool {
+    header(bytes).split(['\n', '\r']).any(|line| {
         let mut words = line.split_ascii_whitespace();
         words.next() == Some("property") && words.last() == Some("nx")
     })
+}
+
+/// The faces that the header of a PLY file promises.
+fn faces(bytes: &[u8]) -> usize {
+    let header = header(bytes);
+    let mut lines = header.split(['\n', '\r']).map(str::split_ascii_whitespace);
+    let count = lines.find_map(|mut words| {
+        let face = words.next() == Some("element") && words.next() == Some("face");
+        words.next().filter(|_| face)?.parse().ok()
+    });
+    count.unwrap_or(1)
 }

@@ -1,7 +1,8 @@
 //! The state that directives change, and its transforms.
 
 use super::colour::ColourSpace;
-use super::parameter::{Parameter, Parameters};
+use super::parameter::Parameters;
+use super::values::Parameter;
 use crate::scene::description::ObjectId;
 use glam::{DMat3, DMat4, DVec3, DVec4};
 use std::rc::Rc;

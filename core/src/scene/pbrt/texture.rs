@@ -182,7 +182,7 @@ impl Reading<'_, '_> {
                 self.draft.set(mix, "dir", Value::Vector(direction));
                 Tint::Texture(mix)
             }
-            "imagemap" => match self.image_map(parameters)? {
+            "imagemap" => match self.image_map(parameters, floats)? {
                 Some(texture) => {
                     let scale = parameters.float_or("scale", 1.0)?;
                     self.product(Tint::Texture(texture), Tint::Number(scale), parameters)
@@ -196,6 +196,8 @@ impl Reading<'_, '_> {
                 let board = object(self, "checkerboard");
                 self.attach(board, "color0", first);
                 self.attach(board, "color1", second);
+                // How pbrt-v3 filters it.
+                parameters.ignore(&["aamode"]);
                 match parameters.integer("dimension")? {
                     Some(3) => {
                         self.draft.set(board, "dimension", Value::Integer(3));
@@ -232,7 +234,34 @@ impl Reading<'_, '_> {
                 self.set_to_world(noise, [self.state.to_world[0]; 2])?;
                 Tint::Texture(noise)
             }
-            "ptex" | "bilerp" | "uv" => {
+            "bilerp" => {
+                let corners = object(self, "bilerp");
+                for (name, default) in [("v00", 0.0), ("v10", 0.0), ("v01", 1.0), ("v11", 1.0)] {
+                    match self.part(parameters, name, floats, default)? {
+                        Tint::Texture(_) => {
+                            _ = parameters.fault::<()>(name, "it is a texture, and not a colour or a number")?
+                        }
+                        corner => self.attach(corners, name, corner),
+                    }
+                }
+                self.mapping(corners, parameters, DMat4::IDENTITY)?;
+                Tint::Texture(corners)
+            }
+            "uv" => {
+                let corners = object(self, "bilerp");
+                for (name, [u, v]) in [
+                    ("v00", [0.0; 2]),
+                    ("v10", [1.0, 0.0]),
+                    ("v01", [0.0, 1.0]),
+                    ("v11", [1.0; 2]),
+                ] {
+                    self.attach(corners, name, Tint::Rgb([u, v, 0.0]));
+                }
+                self.draft.set(corners, "repeats", Value::Boolean(true));
+                self.mapping(corners, parameters, DMat4::IDENTITY)?;
+                Tint::Texture(corners)
+            }
+            "ptex" => {
                 parameters.warn(&format!(
                     "class `{class}` does not exist here: an even grey of 0.5 stands in for it"
                 ));
@@ -267,7 +296,7 @@ impl Reading<'_, '_> {
     }
 
     /// An image on the surface.
-    fn image_map(&mut self, parameters: &Parameters) -> Result<Option<ObjectId>, SceneError> {
+    fn image_map(&mut self, parameters: &Parameters, floats: bool) -> Result<Option<ObjectId>, SceneError> {
         let Some(file) = parameters.text("filename")? else {
             return parameters.fault("filename", "it is missing");
         };
@@ -288,13 +317,7 @@ impl Reading<'_, '_> {
         }
         match parameters.text("wrap")? {
             Some("clamp") => self.draft.set(bitmap, "wrap_mode", Value::String("clamp".into())),
-            Some("black") => {
-                parameters.warn_of(
-                    "wrap",
-                    "the image's border goes on outside of it, which pbrt leaves black",
-                );
-                self.draft.set(bitmap, "wrap_mode", Value::String("clamp".into()));
-            }
+            Some("black") => self.draft.set(bitmap, "wrap_mode", Value::String("black".into())),
             Some("repeat") | None => {}
             Some(other) => {
                 let allowed = "allowed: repeat, clamp, black";
@@ -316,6 +339,10 @@ impl Reading<'_, '_> {
             self.draft.set(bitmap, "raw", Value::Boolean(true));
         }
         parameters.ignore(&["maxanisotropy", "trilinear"]);
+        if floats && !self.old {
+            self.draft
+                .set(bitmap, "channel", Value::String("opacity_or_mean".into()));
+        }
         if parameters.boolean("invert", false)? {
             self.draft.set(bitmap, "invert", Value::Boolean(true));
         }

@@ -1,7 +1,7 @@
 //! Splits a pbrt file into tokens.
 //!
 //! A token is a word (a directive, or `true`), a number, a text in quotes, or a bracket; `#` starts a comment that ends with the
-//! line. Lists of numbers, which make up nearly all of a large file, are read in one go.
+//! line. Commas between numbers, which pbrt does not see, separate as spaces do. Lists of numbers, which make up nearly all of a large file, are read in one go.
 
 use crate::scene::error::{Place, SceneError, shortened};
 use std::sync::Arc;
@@ -29,7 +29,7 @@ pub(super) struct Tokens {
 
 /// What ends a word.
 fn ends_word(byte: u8) -> bool {
-    matches!(byte, b' ' | b'\t' | b'\n' | b'\r' | b'"' | b'[' | b']' | b'#')
+    matches!(byte, b' ' | b'\t' | b'\n' | b'\r' | b',' | b'"' | b'[' | b']' | b'#')
 }
 
 impl Tokens {
@@ -62,7 +62,7 @@ impl Tokens {
             match byte {
                 b'\n' => self.line = self.line.saturating_add(1),
                 b'\r' if self.bytes.get(self.at + 1) != Some(&b'\n') => self.line = self.line.saturating_add(1),
-                b' ' | b'\t' | b'\r' => {}
+                b' ' | b'\t' | b'\r' | b',' => {}
                 b'#' => {
                     let rest = &self.bytes[self.at..];
                     let end = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r'));
@@ -181,7 +181,7 @@ impl Tokens {
         let mut blank = true;
         let mut count = 0;
         for byte in rest.iter().take_while(|byte| **byte != b']') {
-            let now = byte.is_ascii_whitespace();
+            let now = byte.is_ascii_whitespace() || *byte == b',';
             count += usize::from(blank && !now);
             blank = now;
         }
@@ -323,14 +323,14 @@ mod tests {
             let expected: f64 = text.parse().unwrap();
             assert_eq!((value.to_bits(), length), (expected.to_bits(), text.len()), "{text}");
         }
-        for text in ["", "-", ".", "e5", "1e", "1e+", "1x", "nan", "inf", "0x10", "1,2"] {
+        for text in ["", "-", ".", "e5", "1e", "1e+", "1x", "nan", "inf", "0x10"] {
             assert_eq!(leading_number(text.as_bytes()), None, "{text}");
         }
     }
 
     #[test]
     fn lists_of_numbers_end_with_their_bracket() {
-        let mut file = tokens("1 2\n# 3 ]\n 4.5]");
+        let mut file = tokens("1, 2\n# 3 ]\n 4.5]");
         assert_eq!(file.count(), 4);
         let mut found = Vec::new();
         file.numbers(|value| found.push(value)).unwrap();

@@ -34,13 +34,16 @@ const FILTERS: [(&str, TextureFilter); 4] = [
     ("ewa", TextureFilter::Bilinear),
 ];
 
-const CHANNELS: [(&str, Channel); 6] = [
+/// Channels; the last two are pbrt's.
+const CHANNELS: [(&str, Channel); 8] = [
     ("rgb", Channel::All),
     ("r", Channel::Red),
     ("g", Channel::Green),
     ("b", Channel::Blue),
     ("a", Channel::Alpha),
     ("luminance", Channel::Luminance),
+    ("mean", Channel::Mean),
+    ("opacity_or_mean", Channel::OpacityOrMean),
 ];
 
 impl Builder<'_, '_> {

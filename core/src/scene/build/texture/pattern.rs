@@ -1,19 +1,19 @@
 //! Textures that are computed, or made of other textures.
 
 use super::super::Builder;
-use super::Role;
+use super::{Role, colour};
 use crate::math::{Transform, Vec2, Vec3};
 use crate::scene::description::Kind;
 use crate::scene::error::SceneError;
 use crate::scene::reader::{ANY, Reader};
 use crate::scene::spectrum::Use;
 use crate::spectrum::Spectrum;
-use crate::texture::{Mapping, Noise, Octaves, Pattern, Texture, UvTransform};
+use crate::texture::{Curve, Mapping, Noise, Octaves, Pattern, Texture, UvTransform};
 use glam::DMat4;
 use std::ops::RangeInclusive;
 
 /// The types of textures that are rendered.
-pub(super) const SUPPORTED: [&str; 15] = [
+pub(super) const SUPPORTED: [&str; 17] = [
     "bitmap",
     "uniform",
     "srgb",
@@ -25,11 +25,15 @@ pub(super) const SUPPORTED: [&str; 15] = [
     "mix",
     "directionmix",
     "dots",
+    "bilerp",
+    "curve",
     "fbm",
     "wrinkled",
     "windy",
     "marble",
 ];
+/// Functions of a texture's values.
+const CURVES: [(&str, Curve); 2] = [("root", Curve::Root), ("pbrt3_roughness", Curve::OldRoughness)];
 /// The most octaves of noise.
 const OCTAVES: RangeInclusive<i64> = 1..=32;
 /// The largest factors on lengths and noise.
@@ -76,6 +80,28 @@ impl Builder<'_, '_> {
                 };
                 return Ok(Some(self.mapping(reader)?.of(dots.into())));
             }
+            "bilerp" => {
+                let corner = |name: &str, default: f32| -> Result<Spectrum, SceneError> {
+                    let given = colour(reader, name, role.used)?;
+                    Ok(given.unwrap_or(Spectrum::splat(default)))
+                };
+                let corners = Pattern::Corners {
+                    colours: [
+                        corner("v00", 0.0)?,
+                        corner("v10", 0.0)?,
+                        corner("v01", 1.0)?,
+                        corner("v11", 1.0)?,
+                    ],
+                    to_uv: uv_transform(reader)?,
+                    repeats: reader.boolean("repeats", false)?,
+                    most: role.most(),
+                };
+                return Ok(Some(self.mapping(reader)?.of(corners.into())));
+            }
+            "curve" => Pattern::Curve {
+                texture: self.colour_or_texture(reader, "tex", role, 0.5)?,
+                curve: reader.choice("curve", &CURVES, Curve::Root)?,
+            },
             "scale" => return self.scale(reader, role).map(Some),
             "mix" => Pattern::Mix {
                 first: self.colour_or_texture(reader, "tex1", role, 0.0)?,

@@ -51,9 +51,10 @@ fn each_material_has_its_counterpart() {
         ("subsurface", "\"string name\" \"Skin1\"", "plastic", true),
         ("matte", "\"rgb Kd\" [1 0 0]", "diffuse", true),
         ("matte", "\"float sigma\" 20", "roughdiffuse", true),
-        ("plastic", "", "roughplastic", true),
-        ("substrate", "\"color Ks\" [1 1 1]", "roughplastic", true),
-        ("uber", "", "roughplastic", true),
+        ("plastic", "", "pbrtplastic", true),
+        ("plastic", "\"rgb Ks\" [0 0 0]", "diffuse", true),
+        ("substrate", "\"color Ks\" [1 1 1]", "pbrtsubstrate", true),
+        ("uber", "", "pbrtplastic", true),
         ("uber", "\"rgb opacity\" [0.5 0.5 0.5]", "mask", false),
         ("metal", "", "roughconductor", true),
         ("mirror", "", "conductor", true),
@@ -102,6 +103,19 @@ fn roughness_is_mapped() {
     assert_eq!(material(&described("conductor", axes)).text("distribution"), "ggx");
     // Roughness 0.1 of pbrt-v3 has the width of its polynomial.
     assert!((alpha("metal", "\"float roughness\" 0.1", "alpha") - 0.461_76).abs() < 1e-5);
+    // There 0 is not smooth, unless it is glass.
+    assert!((alpha("metal", "\"float roughness\" 0", "alpha") - 0.047).abs() < 1e-3);
+    assert_eq!(
+        material(&described("glass", "\"float uroughness\" 0")).plugin,
+        "dielectric"
+    );
+    // Textures are mapped as numbers are.
+    let textured = describe(
+        "WorldBegin Texture \"t\" \"float\" \"fbm\" Material \"conductor\" \"texture roughness\" \"t\" Shape \"sphere\"",
+    );
+    let curve = textured.child(material(&textured), Some("alpha"));
+    assert_eq!((curve.plugin.as_str(), curve.text("curve")), ("curve", "root"));
+    assert_eq!(textured.child(curve, Some("tex")).plugin, "fbm");
     // What is smoother than a thousandth is smooth.
     let smooth = described("conductor", "\"float roughness\" 0.0009 \"bool remaproughness\" false");
     assert_eq!(material(&smooth).plugin, "conductor");
@@ -304,6 +318,12 @@ fn textures_lie_on_surfaces_as_in_pbrt() {
         let described = texture(class, "");
         assert_eq!(described.objects[of(&described)].plugin, plugin);
     }
+    let corners = texture("bilerp", "\"rgb v10\" [1 0 0] \"float udelta\" 0.5");
+    let corners = &corners.objects[of(&corners)];
+    assert_eq!((corners.rgb("v10"), corners.number("v11")), ([1.0, 0.0, 0.0], 1.0));
+    assert_eq!(place(corners, 0.25, 0.25), [0.75, 0.25]);
+    let unit = texture("uv", "");
+    assert!(unit.objects[of(&unit)].is_set("repeats"));
     for (parameters, name, set) in [
         ("\"string encoding\" \"linear\"", "raw", true),
         ("\"bool gamma\" \"false\"", "raw", true),
@@ -391,12 +411,83 @@ fn meshes_in_the_file() {
             .iter()
             .all(|p| p.z > 0.999 && (p.length() - 2.0).abs() < 1e-5)
     );
+    // A straight line about the axis is a cylinder's, an oblique one reaches its waist in the middle.
+    let found = mesh("\"hyperboloid\" \"point3 p1\" [2 0 0] \"point3 p2\" [2 0 3] \"float phimax\" 90");
+    assert!(
+        found.positions.iter().all(inside)
+            && found
+                .normals
+                .iter()
+                .zip(&found.positions)
+                .all(|(n, p)| n.dot(*p) > 1.99)
+    );
+    let found = mesh("\"hyperboloid\" \"point3 p1\" [1 -1 -1] \"point3 p2\" [1 1 1]");
+    let on_it = |p: &crate::math::Vec3| (p.truncate().length_squared() - 1.0 - p.z * p.z).abs() < 1e-5;
+    assert!(found.positions.iter().all(on_it));
+    let found = mesh("\"heightfield\" \"integer nu\" 3 \"integer nv\" 2 \"float Pz\" [0 1 2 3 4 5]");
+    assert_eq!(
+        (found.positions[4].to_array(), found.triangles.len()),
+        ([0.5, 1.0, 4.0], 4)
+    );
+    assert_eq!(found.triangles[0], [0, 1, 4]);
     let ring = mesh("\"disk\" \"float radius\" 2 \"float innerradius\" 1 \"float height\" 5");
     assert!(
         ring.positions
             .iter()
             .all(|p| p.z == 5.0 && p.truncate().length() > 0.999)
     );
+}
+
+/// Curves that follow each other and are alike make one mesh; what is between them does not matter.
+#[test]
+fn curves_are_tubes() {
+    let curve = |points: &str, more: &str| {
+        format!("Shape \"curve\" \"string type\" \"cylinder\" \"point3 P\" [{points}] {more} ")
+    };
+    let straight = "0 0 0 0 0 1 0 0 2 0 0 3";
+    let text = format!(
+        "WorldBegin {} Shape \"sphere\" {} AttributeBegin Translate 5 0 0 {} AttributeEnd {}",
+        curve(straight, "\"float width\" 0.5"),
+        curve(straight, "\"float width0\" 0.5 \"float width1\" 0.1"),
+        curve("0 0 0 0 0 1 0 0 2", "\"integer degree\" 2"),
+        curve("0 0 0 0 0 3 0 0 6 0 0 9 0 0 12", "\"string basis\" \"bspline\""),
+    );
+    let (described, warnings) = describe_with(&text, &[]);
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let meshes: Vec<_> = described
+        .objects
+        .iter()
+        .filter_map(
+            |object| match object.properties.get("mesh").map(|property| &property.value) {
+                Some(Value::Mesh(mesh)) => Some(&**mesh),
+                _ => None,
+            },
+        )
+        .collect();
+    assert_eq!(meshes.len(), 3);
+    let reach = |mesh: &crate::scene::mesh::RawMesh, wide: std::ops::RangeInclusive<f32>, z: [f32; 2]| {
+        let (mut lower, mut upper) = (f32::MAX, f32::MIN);
+        for p in &mesh.positions {
+            assert!(wide.contains(&p.truncate().length()), "{p}");
+            (lower, upper) = (lower.min(p.z), upper.max(p.z));
+        }
+        assert!(
+            (lower - z[0]).abs() < 1e-6 && (upper - z[1]).abs() < 1e-6,
+            "{lower} {upper}"
+        );
+    };
+    // The first two, of half the width, which sinks to a tenth of it.
+    reach(meshes[0], 0.049..=0.2505, [0.0, 3.0]);
+    reach(meshes[1], 0.499..=0.501, [0.0, 2.0]);
+    reach(meshes[2], 0.499..=0.501, [3.0, 9.0]);
+    let flat = describe_with("WorldBegin Shape \"curve\" \"point3 P\" [0 0 0 0 0 1 0 0 2 0 0 3]", &[]).1;
+    assert!(flat.len() == 1 && flat[0].contains("rendered as tubes"), "{flat:?}");
+    let lit = describe(&format!(
+        "WorldBegin AreaLightSource \"diffuse\" {0} {0}",
+        curve(straight, "")
+    ));
+    assert_eq!(lit.child(lit.the(Kind::Shape, "mesh"), None).kind, Kind::Bsdf);
+    assert_eq!(lit.the(Kind::Emitter, "area").kind, Kind::Emitter);
 }
 
 /// pbrt's own coordinates on a sphere count for textures, which ours has otherwise.
