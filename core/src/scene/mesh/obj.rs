@@ -33,8 +33,14 @@ const IGNORED: [&str; 16] = [
 /// The attribute that the colours of vertices are.
 const COLOUR: &str = "vertex_color";
 
-/// Indices of position, texture coordinates and normal (counted from 0; `None` where left out).
-type Corner = (u32, Option<u32>, Option<u32>);
+/// Indices of position, texture coordinates and normal, counted from 0; [`NONE`] where left out.
+type Corner = [u32; 3];
+
+/// No index: no file has so many of anything.
+const NONE: u32 = u32::MAX;
+
+/// Corners at one position that are looked at one by one. In usual meshes there are few.
+const CROWD: usize = 16;
 
 #[derive(Default)]
 struct ObjReader {
@@ -42,7 +48,11 @@ struct ObjReader {
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
     corners: Vec<Corner>,
-    ids: HashMap<Corner, u32>,
+    /// Of each position the corner there that came last, and of each corner the one before it at its position.
+    newest: Vec<u32>,
+    older: Vec<u32>,
+    /// Corners at positions that have more than `CROWD`, so that a search takes no longer in any file.
+    crowded: HashMap<Corner, u32>,
     triangles: Vec<[u32; 3]>,
     /// A colour for each position, where colours are asked for.
     colours: Option<Vec<Spectrum>>,
@@ -109,6 +119,7 @@ impl ObjReader {
                 let position = statement.numbers();
                 self.positions
                     .push(Vec3::from_array(position.clone().unwrap_or_default()));
+                self.newest.push(NONE);
                 position?;
                 self.colour(statement)
             }
@@ -182,13 +193,32 @@ impl ObjReader {
         if parts.next().is_some() {
             return Err("a corner has the form `v`, `v/vt`, `v//vn` or `v/vt/vn`".into());
         }
-        let corner = (position, uv, normal);
-        let next = self.corners.len() as u32;
-        let id = *self.ids.entry(corner).or_insert(next);
-        if id == next {
-            self.corners.push(corner);
+        Ok(self.id([position, uv.unwrap_or(NONE), normal.unwrap_or(NONE)]))
+    }
+
+    /// The number of a corner, which is a new one where there is no such corner yet.
+    fn id(&mut self, corner: Corner) -> u32 {
+        let newest = self.newest[corner[0] as usize];
+        let (mut at, mut looked_at) = (newest, 0);
+        while at != NONE && looked_at < CROWD {
+            if self.corners[at as usize] == corner {
+                return at;
+            }
+            at = self.older[at as usize];
+            looked_at += 1;
         }
-        Ok(id)
+        let next = self.corners.len() as u32;
+        if looked_at < CROWD {
+            self.newest[corner[0] as usize] = next;
+        } else {
+            let id = *self.crowded.entry(corner).or_insert(next);
+            if id != next {
+                return id;
+            }
+        }
+        self.corners.push(corner);
+        self.older.push(newest);
+        next
     }
 
     fn finish(mut self) -> RawMesh {
@@ -197,18 +227,20 @@ impl ObjReader {
             RawAttribute {
                 name: COLOUR.to_owned(),
                 of_faces: false,
-                values: self.corners.iter().map(|corner| colours[corner.0 as usize]).collect(),
+                values: self.corners.iter().map(|corner| colours[corner[0] as usize]).collect(),
             }
         });
-        let uv = |corner: &Corner| corner.1.map_or(Vec2::ZERO, |i| self.uvs[i as usize]);
-        let normal = |corner: &Corner| corner.2.map_or(Vec3::ZERO, |i| self.normals[i as usize]);
-        let has_uvs = self.corners.iter().any(|corner| corner.1.is_some());
-        let has_normals = self.corners.iter().any(|corner| corner.2.is_some());
+        (self.newest, self.older, self.crowded) = Default::default();
+        // `NONE` is beyond any list.
+        let uv = |corner: &Corner| self.uvs.get(corner[1] as usize).copied().unwrap_or_default();
+        let normal = |corner: &Corner| self.normals.get(corner[2] as usize).copied().unwrap_or_default();
+        let has_uvs = self.corners.iter().any(|corner| corner[1] != NONE);
+        let has_normals = self.corners.iter().any(|corner| corner[2] != NONE);
         RawMesh {
             positions: self
                 .corners
                 .iter()
-                .map(|corner| self.positions[corner.0 as usize])
+                .map(|corner| self.positions[corner[0] as usize])
                 .collect(),
             normals: if has_normals {
                 self.corners.iter().map(normal).collect()
@@ -267,6 +299,18 @@ mod tests {
         assert!(mesh.normals.is_empty());
         let mesh = parse("v 0 0 0\nv 1 0 0\nv 1 1 0\nvn 0 0 2\nf 1//1 2//1 3\n").unwrap();
         assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::ZERO]);
+    }
+
+    /// Far more corners at a vertex than are looked at one by one.
+    #[test]
+    fn corners_are_shared_in_a_crowd() {
+        let mut text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n".to_owned();
+        (0..100).for_each(|i| text += &format!("vt {i} 0\n"));
+        let faces: String = (1..=100).map(|i| format!("f 1/{i} 2/1 3/1\n")).collect();
+        let mesh = parse(&(text + &faces + &faces)).unwrap();
+        assert_eq!((mesh.positions.len(), mesh.triangles.len()), (102, 200));
+        assert_eq!(mesh.triangles[..100], mesh.triangles[100..]);
+        assert!((0..100).all(|i| mesh.uvs[mesh.triangles[i][0] as usize].x == i as f32));
     }
 
     #[test]
