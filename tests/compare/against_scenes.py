@@ -131,7 +131,7 @@ def arguments():
     parser.add_argument("--out", type=pathlib.Path, help="folder that takes table and sheet")
     parser.add_argument("--only", default="", help="only scenes whose path contains this")
     parser.add_argument("--width", type=int, default=256, help="pictures that are wider are rendered this wide")
-    parser.add_argument("--seconds", type=float, default=30, help="processor time for each picture, which ends sooner where its noise is low")
+    parser.add_argument("--seconds", type=float, default=20, help="processor time for each picture, which ends sooner where its noise is low")
     parser.add_argument("--quick", action="store_true", help="renders only what is judged pixel by pixel; the others are loaded")
     parser.add_argument("--gain", type=float, default=1, help="brightens our pictures: a check of this test")
     return parser.parse_args()
