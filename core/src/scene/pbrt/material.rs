@@ -6,6 +6,7 @@
 use super::Reading;
 use super::parameter::Parameters;
 use super::texture::Tint;
+use super::values::Values;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError};
 use crate::scene::spectrum::Use;
@@ -218,10 +219,11 @@ impl Reading<'_, '_> {
         let Some(eta) = self.colour(parameters, name, Use::Constant)? else {
             return Ok(1.5);
         };
-        if eta[0] != eta[1] || eta[1] != eta[2] {
+        let is_named = matches!(parameters.find(name).map(|found| &found.values), Some(Values::Texts(_)));
+        if is_named || eta[0] != eta[1] || eta[1] != eta[2] {
             parameters.warn_of(
                 name,
-                "the index of the green is taken for all colours: glass does not disperse light",
+                "dispersion is left out: all colours are refracted alike, by the index of the green or of a named glass at 588 nm",
             );
         }
         if eta[1] <= 0.0 {
