@@ -1,7 +1,7 @@
 //! The light paths of an iteration, traced on all threads.
 
 use super::{Counts, Observer, RenderError};
-use crate::light::EmissionSample;
+use crate::light::{EmissionSample, Origin};
 use crate::path::{Scattered, Tracer, Vertex, Walk};
 use crate::random::{PathRandom, Sequence};
 use crate::scene::Scene;
@@ -18,6 +18,8 @@ pub(super) struct Arrival<'b> {
     pub(super) path: u32,
     /// Where the path goes on, sampled from the BSDF.
     pub(super) scattered: Option<&'b Scattered>,
+    /// Whether it comes straight from a light that no connection and no ray finds.
+    pub(super) is_found_alone: bool,
 }
 
 /// Which light paths to trace.
@@ -94,6 +96,7 @@ impl LightPaths {
                         vertex: &vertex,
                         path,
                         scattered: scattered.as_ref(),
+                        is_found_alone: vertex.edges == 1 && matches!(start.origin, Origin::Normals),
                     };
                     store(&arrival, records);
                     if !scattered.is_some_and(|scattered| walk.go_on(&vertex, &scattered, random)) {

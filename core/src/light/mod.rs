@@ -65,7 +65,7 @@ pub struct EmissionSample {
     /// point. Of the ray through the disc that faces it [1/unit^2] where it does not.
     pub pdf_position: f32,
     /// Solid-angle density of the direction [1/sr], the choice of light included where it lies at infinity; of a directional light
-    /// that choice alone.
+    /// that choice alone, and 1 where the origin says the direction.
     pub pdf_direction: f32,
 }
 
@@ -74,6 +74,8 @@ pub struct EmissionSample {
 pub enum Origin {
     /// On an area light.
     Area(LightId, SurfacePoint),
+    /// On a shape that emits along its normals: nothing but light paths finds it.
+    Normals,
     /// At a point: a point light, a spot, a projector or a goniometric light.
     Point,
     /// At infinity, in one direction.
@@ -107,6 +109,13 @@ pub enum Light {
         radiance: Texture,
         /// Whether its inner side emits as well.
         two_sided: bool,
+    },
+    /// A shape that emits along the normals of its outer side alone, as Mitsuba's `directionalarea`.
+    DirectionalArea {
+        /// The shape that emits.
+        shape: ShapeId,
+        /// Radiant exitance [W/m^2], by the shape's texture coordinates.
+        exitance: Texture,
     },
     /// `intensity` [W/sr] in every direction from `position`.
     Point {
@@ -241,11 +250,19 @@ pub struct Lights {
 #[derive(Clone, Debug)]
 enum Source {
     Area(Area),
-    Point { position: Vec3, intensity: Spectrum },
+    /// Of which `radiance` is the exitance along its normals.
+    Normals(Area),
+    Point {
+        position: Vec3,
+        intensity: Spectrum,
+    },
     Spot(Spot),
     Projector(Projector),
     Goniometric(Box<Goniometric>),
-    Directional { direction: Vec3, irradiance: Spectrum },
+    Directional {
+        direction: Vec3,
+        irradiance: Spectrum,
+    },
     Background(Background),
 }
 
@@ -263,6 +280,14 @@ impl Area {
         match self.two_sided {
             true => 2.0 * self.sampler.area(),
             false => self.sampler.area(),
+        }
+    }
+
+    /// The same on the shape as it is in `geometry`.
+    fn moved(&self, geometry: &Geometry) -> Self {
+        Self {
+            sampler: ShapeSampler::new(geometry, self.sampler.shape()),
+            ..self.clone()
         }
     }
 
@@ -331,6 +356,11 @@ impl Source {
                 radiance,
                 two_sided,
             }),
+            Light::DirectionalArea { shape, exitance } => Self::Normals(Area {
+                sampler: ShapeSampler::new(geometry, shape),
+                radiance: exitance,
+                two_sided: false,
+            }),
             Light::Point { position, intensity } => Self::Point { position, intensity },
             Light::Spot {
                 to_world,
@@ -381,10 +411,8 @@ impl Source {
     /// The light where `to_world` puts it; that of a shape where the shape is in `geometry`.
     fn moved(&self, to_world: &Transform, geometry: &Geometry) -> Self {
         match self {
-            Self::Area(area) => Self::Area(Area {
-                sampler: ShapeSampler::new(geometry, area.sampler.shape()),
-                ..area.clone()
-            }),
+            Self::Area(area) => Self::Area(area.moved(geometry)),
+            Self::Normals(area) => Self::Normals(area.moved(geometry)),
             Self::Point { intensity, .. } => Self::Point {
                 position: to_world.point(Vec3::ZERO),
                 intensity: *intensity,
@@ -407,6 +435,7 @@ impl Source {
     fn power(&self, world: &World) -> f32 {
         match self {
             Self::Area(area) => area.radiance.mean().luminance() * PI * area.emitting(),
+            Self::Normals(area) => area.radiance.mean().luminance() * area.emitting(),
             Self::Point { intensity, .. } => intensity.luminance() * 4.0 * PI,
             Self::Spot(spot) => spot.power(),
             Self::Projector(projector) => projector.power(),
@@ -507,6 +536,7 @@ impl Lights {
                     arrival: FRAC_1_PI * probability / (area.emitting() * pdf),
                 }
             }
+            Source::Normals(_) => return None,
             Source::Point { position, intensity } => {
                 let (wi, distance) = towards(*position)?;
                 let spread = 1.0 / (distance * distance);
@@ -620,6 +650,16 @@ impl Lights {
                     pdf_direction: FRAC_1_PI * point.geometric_normal.dot(direction).max(0.0),
                 }
             }
+            Source::Normals(area) => {
+                let point = area.sample(geometry, u_position)?;
+                EmissionSample {
+                    ray: point.ray_towards(point.geometric_normal),
+                    flux: area.radiance.eval(&(&point).into()) * (area.emitting() / probability),
+                    origin: Origin::Normals,
+                    pdf_position: probability / area.emitting(),
+                    pdf_direction: 1.0,
+                }
+            }
             Source::Point { position, intensity } => {
                 let ray = Ray {
                     origin: *position,
@@ -676,6 +716,7 @@ impl Lights {
                 let facing = point.geometric_normal.dot(offset).max(0.0) / distance2.sqrt();
                 self.pdf_area(geometry, *light, from, point) * facing / (distance2 * start.pdf_position)
             }
+            Origin::Normals => 0.0,
             Origin::Point | Origin::Directional | Origin::Background => 1.0,
         }
     }

@@ -38,6 +38,7 @@ impl Appearance {
                 let area = ShapeSampler::new(geometry, *shape).area();
                 seen(area / distance2, radiance.mean().luminance())
             }
+            Light::DirectionalArea { exitance, .. } => point(exitance.mean().luminance()),
             Light::Point { intensity, .. } | Light::Spot { intensity, .. } => point(intensity.luminance() / distance2),
             Light::Projector { image, scale, even, .. } => {
                 let intensity = match even {

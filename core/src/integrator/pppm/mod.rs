@@ -3,7 +3,7 @@
 //! Camera paths go on through specular and glossy surfaces and end at the first vertex that is rough enough, where the
 //! map is read. Direct light there comes from next-event estimation, so photons that come straight from a light
 //! are not stored: a path with `k` camera edges and `j` light edges is counted by the map where `j >= 2`, and by the
-//! camera path where `j <= 1`.
+//! camera path where `j <= 1`. Lights that no connection and no ray finds are the exception: all of their photons are stored.
 //!
 //! A surface with a coat is both: its rough lobe ends the path as above, and with the probability of choosing the coat's delta lobe
 //! the path goes on along that, as it does from a mirror. Neither lobe knows of the other's light, so that nothing is counted twice.
@@ -182,7 +182,7 @@ fn map_photons(
     };
     let photons = paths.trace(job.scene, observer, counts, |arrival, photons| {
         let vertex = arrival.vertex;
-        if vertex.edges >= 2 && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
+        if (vertex.edges >= 2 || arrival.is_found_alone) && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
             photons.push(Point {
                 position: vertex.point.position,
                 payload: Photon {

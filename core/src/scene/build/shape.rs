@@ -3,7 +3,7 @@
 use super::{Builder, uniform_scale};
 use crate::geometry::{Shape, ShapeId, ShapeSampler, TriangleMesh};
 use crate::light::Light;
-use crate::math::{AnimatedTransform, FRAC_1_PI, Frame, PI, Transform, Vec3};
+use crate::math::{AnimatedTransform, Frame, PI, Transform, Vec3};
 use crate::motion::MovingShape;
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::{Place, SceneError, within};
@@ -176,11 +176,7 @@ impl Builder<'_, '_> {
             *found = Some(shape);
         }
         if let (Some(lamp), Some(emitter)) = (lamp, emitter) {
-            let light = Light::Area {
-                shape,
-                two_sided: lamp.two_sided,
-                radiance: lamp.radiance(area.unwrap_or(0.0)),
-            };
+            let light = lamp.on(shape, area.unwrap_or(0.0));
             let light = self.add_light(light, moving, &emitter.place);
             self.bindings[shape.0 as usize].light = Some(light);
         }
@@ -261,25 +257,20 @@ impl Builder<'_, '_> {
     /// A shape's area light.
     fn area_light(&mut self, shape: &Reader, emitter: &Child) -> Result<Lamp, SceneError> {
         let light = self.reader(emitter.target);
-        let is_directional = light.object.plugin == "directionalarea";
-        if is_directional {
-            light.warn(
-                &emitter.place,
-                "it is rendered as an `area` light of the same power, which shines to all sides and not along its normals alone",
-            );
-        } else if light.object.plugin != "area" {
+        let along_normals = light.object.plugin == "directionalarea";
+        if !along_normals && light.object.plugin != "area" {
             let reason = "the emitter of a shape must have type `area`";
             return Err(SceneError::value(&emitter.place, shape.context(), reason));
         }
-        let mut radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
-        if is_directional {
-            // Of a shape of area A the one sends the power A times its radiance, the other pi times that.
-            radiance = scaled(radiance, FRAC_1_PI);
-        }
+        let radiance = self.colour_or_texture(&light, "radiance", Role::EMISSION, 1.0)?;
         let lamp = Lamp {
             radiance,
-            two_sided: light.boolean("two_sided", false)?,
-            power: light.float("power", 0.0..=BRIGHTEST)?.map(|power| power as f32),
+            along_normals,
+            two_sided: !along_normals && light.boolean("two_sided", false)?,
+            power: match along_normals {
+                true => None,
+                false => light.float("power", 0.0..=BRIGHTEST)?.map(|power| power as f32),
+            },
         };
         super::light::check_sampling_weight(&light)?;
         light.finish();
@@ -463,12 +454,29 @@ fn is_even_cylinder(to_world: &Transform) -> bool {
 /// The light of a shape whose area is not known yet.
 struct Lamp {
     radiance: Texture,
+    /// Whether it emits along its normals alone, and `radiance` is its exitance.
+    along_normals: bool,
     two_sided: bool,
     /// What a radiance of luminance 1 shines in all.
     power: Option<f32>,
 }
 
 impl Lamp {
+    /// The light on a shape of this area.
+    fn on(self, shape: ShapeId, area: f32) -> Light {
+        match (self.along_normals, self.two_sided) {
+            (true, _) => Light::DirectionalArea {
+                shape,
+                exitance: self.radiance,
+            },
+            (false, two_sided) => Light::Area {
+                shape,
+                two_sided,
+                radiance: self.radiance(area),
+            },
+        }
+    }
+
     /// The radiance on a shape of this area: as it is written, or with `power` times that over pi times the area of the sides that
     /// shine; of a texture the mean luminance is 1 then (`DiffuseAreaLight::Create` of pbrt-v4).
     fn radiance(self, area: f32) -> Texture {
