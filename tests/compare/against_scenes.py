@@ -311,13 +311,15 @@ def by_mitsuba(options, path):
     # The skies of old versions are other ones there.
     if re.search(r'type="(sky|sun|sunsky)"', text) and re.search(r'version="0', text):
         return None
-    if re.search(r'version="0', text):
-        modernise(path)
+    changed = False
     while True:
         try:
             return until_quiet(lambda seed: Mitsuba().renders(path, {}, ROUND_SAMPLES, [seed])[0], options.seconds, resource.RUSAGE_SELF)
         except Exception as error:  # Mitsuba reads few of the old scenes; that is no fault of ours.
-            if not without_unknown(path, str(error)):
+            if not changed:
+                modernise(path)
+                changed = True
+            elif not without_unknown(path, str(error)):
                 print(f"    Mitsuba does not render it: {str(error).strip().splitlines()[-1][:120]}")
                 return None
 

@@ -8,7 +8,7 @@ from noise import luminance
 WIDTH, HEIGHT = 152, 152
 LABEL, GAP, COLUMNS = 14, 6, 3
 # The file is kept below a size that a reader of the page waits for.
-COLOURS = 128
+COLOURS = 256
 
 
 def shrunk(picture, height, width):

@@ -26,6 +26,16 @@ pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
     })
 }
 
+/// A number of one to nine digits, as most indices of meshes are: sooner than `parse` tells.
+pub(super) fn digits(word: &[u8]) -> Option<u32> {
+    if word.is_empty() || word.len() > 9 {
+        return None;
+    }
+    word.iter().try_fold(0, |number, byte| {
+        byte.is_ascii_digit().then(|| number * 10 + u32::from(byte - b'0'))
+    })
+}
+
 /// An XML file as UTF-8: decoded by its byte order mark, or by the encoding that its first line declares.
 ///
 /// Lone CRs become LFs, as XML has it. Comments and the declaration become blanks: comments of other programs hold
@@ -174,6 +184,15 @@ mod tests {
         let expected: [(u32, &[u8]); 6] = [(1, b"a"), (2, b"b"), (3, b""), (4, b"c"), (5, b""), (6, b"d")];
         assert_eq!(found, expected);
         assert_eq!(lines(b"").count(), 1);
+    }
+
+    #[test]
+    fn digits_are_read_as_numbers() {
+        assert_eq!(digits(b"0"), Some(0));
+        assert_eq!(digits(b"999999999"), Some(999_999_999));
+        for word in ["", "1234567890", "-1", "+1", "1.", "1/2"] {
+            assert_eq!(digits(word.as_bytes()), None, "{word}");
+        }
     }
 
     #[test]

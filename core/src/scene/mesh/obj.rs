@@ -263,9 +263,12 @@ fn index(word: Option<&str>, count: usize, what: &str) -> Result<Option<u32>, St
     let Some(word) = word.filter(|word| !word.is_empty()) else {
         return Ok(None);
     };
-    let number: i64 = word
-        .parse()
-        .map_err(|_| format!("{what} index `{word:.40}` is not an integer"))?;
+    let number = match text::digits(word.as_bytes()) {
+        Some(number) => i64::from(number),
+        None => word
+            .parse()
+            .map_err(|_| format!("{what} index `{word:.40}` is not an integer"))?,
+    };
     let found = match number {
         1.. => number - 1,
         _ => (count as i64).saturating_add(number),

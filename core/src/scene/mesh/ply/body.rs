@@ -4,6 +4,7 @@ use super::super::MeshFile;
 use super::header::{Element, Encoding, LineEnd, Property, Scalar};
 use crate::scene::error::SceneError;
 use crate::scene::faults::FileFaults;
+use crate::scene::text::digits;
 
 pub(super) struct Body<'a, 'f> {
     pub(super) file: &'a MeshFile<'f>,
@@ -188,6 +189,9 @@ impl<'a> Body<'a, '_> {
         let word = &self.rest[start..];
         let end = word.iter().position(u8::is_ascii_whitespace).unwrap_or(word.len());
         self.rest = &word[end..];
+        if let Some(number) = digits(&word[..end]) {
+            return Ok(Ok(f64::from(number)));
+        }
         let text = std::str::from_utf8(&word[..end]).unwrap_or("?");
         let number = match scalar {
             Scalar::F32 => text.parse::<f32>().ok().map(f64::from),
@@ -223,6 +227,7 @@ pub(super) struct ListLayout {
     after: usize,
 }
 
+#[inline]
 fn binary_number(scalar: Scalar, bytes: &[u8], big_endian: bool) -> f64 {
     match scalar {
         Scalar::I8 => f64::from(bytes[0] as i8),
@@ -237,6 +242,7 @@ fn binary_number(scalar: Scalar, bytes: &[u8], big_endian: bool) -> f64 {
 }
 
 /// The first bytes, the least significant one first.
+#[inline]
 fn ordered<const N: usize>(bytes: &[u8], big_endian: bool) -> [u8; N] {
     let mut first = [0; N];
     first.copy_from_slice(&bytes[..N]);
