@@ -145,12 +145,8 @@ impl<'a> Body<'a, '_> {
         })
     }
 
-    /// The items of the next record's list, where `layout` says where it lies.
-    pub(super) fn list(
-        &mut self,
-        layout: &ListLayout,
-        mut item: impl FnMut(f64) -> Result<(), String>,
-    ) -> Result<(), SceneError> {
+    /// Reads the items of the next record's list, where `layout` says where it lies.
+    pub(super) fn list(&mut self, layout: &ListLayout, items: &mut Vec<f64>) -> Result<(), SceneError> {
         let items_at = layout.before + layout.length.size();
         if self.rest.len() < items_at {
             return Err(self.broken("the file ends too early"));
@@ -159,18 +155,20 @@ impl<'a> Body<'a, '_> {
         if length < 0.0 {
             return Err(self.broken(format!("a list of length {length}")));
         }
+        // A polygon is as many triangles, less two.
+        self.file.check_triangles(length as u64)?;
         let size = layout.scalar.size();
-        // At most 2^32 items of 8 bytes.
         let after = items_at as u64 + length as u64 * size as u64;
         let Some((record, rest)) = self.rest.split_at_checked(after as usize + layout.after) else {
             return Err(self.broken("the file ends too early"));
         };
         self.rest = rest;
-        for bytes in record[items_at..after as usize].chunks_exact(size) {
-            let stored = item(self.binary(layout.scalar, bytes));
-            if stored.is_err() {
-                self.note(stored)?;
-            }
+        let words = record[items_at..after as usize].chunks_exact(size);
+        // Most files have these.
+        if layout.scalar == Scalar::I32 && self.encoding == Encoding::LittleEndian {
+            items.extend(words.map(|word| binary_number(Scalar::I32, word, false)));
+        } else {
+            items.extend(words.map(|word| self.binary(layout.scalar, word)));
         }
         Ok(())
     }
@@ -227,7 +225,7 @@ pub(super) struct ListLayout {
     after: usize,
 }
 
-#[inline]
+#[inline(always)]
 fn binary_number(scalar: Scalar, bytes: &[u8], big_endian: bool) -> f64 {
     match scalar {
         Scalar::I8 => f64::from(bytes[0] as i8),
@@ -242,7 +240,7 @@ fn binary_number(scalar: Scalar, bytes: &[u8], big_endian: bool) -> f64 {
 }
 
 /// The first bytes, the least significant one first.
-#[inline]
+#[inline(always)]
 fn ordered<const N: usize>(bytes: &[u8], big_endian: bool) -> [u8; N] {
     let mut first = [0; N];
     first.copy_from_slice(&bytes[..N]);

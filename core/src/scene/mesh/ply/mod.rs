@@ -122,26 +122,15 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
     let asked = attributes(body.file, element, "face_");
     let mut values = vec![Vec::new(); asked.len()];
     let mut row = vec![0.0_f32; element.properties.len()];
-    let mut polygon: Vec<u32> = Vec::new();
+    let (mut corners, mut polygon): (Vec<f64>, Vec<u32>) = Default::default();
     mesh.triangles.reserve_exact(element.count as usize);
     // Where no attribute is asked for, lists of a binary file are read without what is beside them.
     let layout = body.list_layout(element, list).filter(|_| asked.is_empty());
     for index in 0..element.count {
         polygon.clear();
-        let mut corner = |number: f64| {
-            // A broken corner counts as one, so that no other fault follows from it.
-            let vertex = number as u32;
-            polygon.push(vertex);
-            if f64::from(vertex) == number {
-                return Ok(());
-            }
-            if let Some(broken) = polygon.last_mut() {
-                *broken = 0;
-            }
-            Err(format!("face {index}: {number} is not a vertex index"))
-        };
+        corners.clear();
         if let Some(layout) = &layout {
-            body.list(layout, corner)?;
+            body.list(layout, &mut corners)?;
         } else {
             let value = |column: usize, number: f64| {
                 row[column] = number as f32;
@@ -152,8 +141,22 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
                 }
                 Ok(())
             };
-            let item = |column: usize, number: f64| if column == list { corner(number) } else { Ok(()) };
+            let item = |column: usize, number: f64| {
+                if column == list {
+                    corners.push(number);
+                }
+                Ok(())
+            };
             body.record(element, value, item)?;
+        }
+        for corner in &corners {
+            // A broken corner counts as one, so that no other fault follows from it.
+            let vertex = *corner as u32;
+            let valid = f64::from(vertex) == *corner;
+            polygon.push(if valid { vertex } else { 0 });
+            if !valid {
+                body.note(Err(format!("face {index}: {corner} is not a vertex index")))?;
+            }
         }
         if polygon.len() < 3 {
             let reason = format!("face {index} has {} corners; 3 or more are needed", polygon.len());
