@@ -6,10 +6,10 @@ from dataclasses import dataclass
 # Why a picture cannot tell whether its scene is rendered as the file says, by the end of the file's path.
 UNLIKE = {
     "test_texturedprincipled1_path.xml": "Mitsuba 3 swaps the two colours of a checkerboard where a number is looked up",
-    "classroom/mitsuba/scene_v0.6.xml": "the picture's sky and sun are Tungsten's, the file's are Mitsuba's `sunsky`: see below",
-    "classroom/pbrt/scene-v4.pbrt": "the file lacks the albedos 0.47 and 0.75 of window frames and chairs, which the picture has: see below",
-    "cornell-box/pbrt/scene-v4.pbrt": "the file asks for 5 edges a path, the picture has 65: see below",
-    "water-caustic/mitsuba/scene.xml": "walls turn their black side to the camera, in the picture all surfaces have two sides: see below",
+    "classroom/mitsuba/scene_v0.6.xml": "the picture's sky and sun are Tungsten's, the file's are Mitsuba's `sunsky`",
+    "classroom/pbrt/scene-v4.pbrt": "the file lacks the albedos 0.47 and 0.75 of window frames and chairs, which the picture has",
+    "cornell-box/pbrt/scene-v4.pbrt": "the file asks for 5 edges a path, the picture has 65",
+    "water-caustic/mitsuba/scene.xml": "walls turn their black side to the camera, in the picture all surfaces have two sides",
 }
 
 # The sky and the sun of the pbrt file, which are those of the picture.
