@@ -3,7 +3,9 @@
 use super::error::{Place, SceneError, within};
 use super::files::{SceneFiles, normalise};
 use super::limits::Limits;
+use flate2::bufread::MultiGzDecoder;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::sync::Arc;
 
 pub(crate) struct Loader<'a> {
@@ -18,6 +20,7 @@ pub(crate) struct Loader<'a> {
 pub(crate) struct LoadedFile {
     /// Plain name within the scene.
     pub(crate) name: String,
+    /// The content, decompressed where the file is one of `gzip`.
     pub(crate) bytes: Arc<[u8]>,
 }
 
@@ -84,13 +87,14 @@ impl<'a> Loader<'a> {
             });
         }
         within(place, "number of files", self.read.len() as u64 + 1, self.limits.files)?;
-        let bytes: Arc<[u8]> = self.files.read(name).map_err(|error| error.at(place))?.into();
+        let bytes = self.files.read(name).map_err(|error| error.at(place))?;
         within(
             place,
             &format!("bytes of file `{name}`"),
             bytes.len() as u64,
             self.limits.file_bytes,
         )?;
+        let bytes: Arc<[u8]> = unpacked(name, bytes, self.limits.file_bytes)?.into();
         self.total += bytes.len() as u64;
         within(place, "bytes of all files", self.total, self.limits.total_bytes)?;
         self.read.insert(name.into(), bytes.clone());
@@ -99,4 +103,19 @@ impl<'a> Loader<'a> {
             bytes,
         })
     }
+}
+
+/// The content of the file `name`, decompressed where it is one of `gzip`, whose content may have `limit` bytes.
+fn unpacked(name: &str, bytes: Vec<u8>, limit: u64) -> Result<Vec<u8>, SceneError> {
+    if !bytes.starts_with(&[0x1f, 0x8b]) {
+        return Ok(bytes);
+    }
+    let place = Place::whole(name);
+    let mut content = Vec::new();
+    MultiGzDecoder::new(&bytes[..])
+        .take(limit.saturating_add(1))
+        .read_to_end(&mut content)
+        .map_err(|error| SceneError::data(&place, format!("broken gzip data: {error}")))?;
+    within(&place, "bytes of the decompressed file", content.len() as u64, limit)?;
+    Ok(content)
 }

@@ -34,11 +34,9 @@ use super::warning::Warnings;
 use crate::math::{AnimatedTransform, Transform};
 use camera::Views;
 use curve::Strands;
-use flate2::bufread::MultiGzDecoder;
 use glam::DMat4;
 use state::{Block, State};
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::rc::Rc;
 use std::sync::Arc;
 use texture::Tint;
@@ -131,8 +129,7 @@ impl Reading<'_, '_> {
         let limits = self.loader.limits;
         let depth = self.open_files.len() as u64 + 1;
         within(place, "nesting of files", depth, limits.depth.into())?;
-        let bytes = unpacked(file, limits.file_bytes)?;
-        self.bytes += bytes.len() as u64;
+        self.bytes += file.bytes.len() as u64;
         within(
             place,
             "bytes of scene files, repetitions included",
@@ -140,7 +137,7 @@ impl Reading<'_, '_> {
             limits.total_bytes,
         )?;
         self.open_files.push(file.name.clone());
-        let mut tokens = Tokens::new(&file.name, bytes);
+        let mut tokens = Tokens::new(&file.name, file.bytes.clone());
         self.directives(&mut tokens)?;
         self.open_files.pop();
         Ok(())
@@ -203,19 +200,4 @@ impl Reading<'_, '_> {
         }
         Ok(())
     }
-}
-
-/// The bytes of a file, decompressed where it is one of `gzip`.
-fn unpacked(file: &LoadedFile, limit: u64) -> Result<Arc<[u8]>, SceneError> {
-    if !file.bytes.starts_with(&[0x1f, 0x8b]) {
-        return Ok(file.bytes.clone());
-    }
-    let place = Place::whole(&file.name);
-    let mut bytes = Vec::new();
-    MultiGzDecoder::new(&file.bytes[..])
-        .take(limit.saturating_add(1))
-        .read_to_end(&mut bytes)
-        .map_err(|error| SceneError::data(&place, format!("broken gzip data: {error}")))?;
-    within(&place, "bytes of the decompressed file", bytes.len() as u64, limit)?;
-    Ok(bytes.into())
 }

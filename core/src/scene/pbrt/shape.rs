@@ -11,7 +11,6 @@ use super::texture::Tint;
 use crate::math::{Vec2, Vec3};
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError, within};
-use crate::scene::loader::LoadedFile;
 use crate::scene::mesh::RawMesh;
 use glam::DMat4;
 use std::sync::Arc;
@@ -259,30 +258,18 @@ impl Reading<'_, '_> {
             Ok(file) => file,
             Err(fault) => return self.faults.note(fault).map(|()| None),
         };
-        let packed = file.bytes.starts_with(&[0x1f, 0x8b]);
-        let bytes = match super::unpacked(&file, self.loader.limits.file_bytes) {
-            Ok(bytes) => bytes,
-            Err(fault) => return self.faults.note(fault).map(|()| None),
-        };
-        let flat = !has_normals(&bytes);
+        let flat = !has_normals(&file.bytes);
         let flip = if flat {
             self.turned()
         } else {
             self.state.reverse_orientation
         };
         let shape = self.add_shape("ply", parameters, DMat4::IDENTITY, flip)?;
-        let source = match packed {
-            true => Value::File(LoadedFile {
-                name: file.name,
-                bytes: bytes.clone(),
-            }),
-            false => Value::String(name),
-        };
-        self.draft.set(shape, "filename", source);
+        self.draft.set(shape, "filename", Value::String(name));
         if flat {
             self.draft.set(shape, "face_normals", Value::Boolean(true));
         }
-        let lights = faces(&bytes);
+        let lights = faces(&file.bytes);
         if let Some(light) = self
             .state
             .area_light
