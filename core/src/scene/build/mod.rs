@@ -259,7 +259,7 @@ impl<'b, 'f> Builder<'b, 'f> {
         contents: SceneContents,
     ) -> Result<Scene, SceneError> {
         if self.shapes.is_empty() {
-            return Err(missing(place, "a <shape>: the scene is empty"));
+            return Err(missing(place, "a <shape> (the scene is empty)"));
         }
         if self.lights.is_empty() {
             let message = "the scene has no <emitter>: it is lit from all sides by radiance 1, as by <emitter type=\"constant\"/>";
