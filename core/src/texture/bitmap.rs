@@ -95,7 +95,11 @@ impl Texels {
     /// The largest channel of any texel.
     #[must_use]
     pub fn brightest(&self) -> f32 {
-        self.iter().map(Spectrum::max_component).fold(0.0, f32::max)
+        match self {
+            // Reading the whole file again would take long.
+            Self::Tiled(tiles) => tiles.brightest(),
+            _ => self.iter().map(Spectrum::max_component).fold(0.0, f32::max),
+        }
     }
 
     /// Applies `f` to every channel of every texel.

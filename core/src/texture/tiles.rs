@@ -26,6 +26,8 @@ pub struct Tiles {
     width: usize,
     height: usize,
     kind: Kind,
+    /// The largest channel of any texel.
+    brightest: f32,
 }
 
 /// What a texel is made of.
@@ -64,6 +66,12 @@ impl Tiles {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The largest channel of any texel, known since it was stored.
+    #[must_use]
+    pub fn brightest(&self) -> f32 {
+        self.brightest
     }
 
     /// The texel of an index below [`Self::len`], row by row from the top left. Black where the file cannot be read, which
@@ -167,6 +175,7 @@ impl TileFile {
             width,
             height,
             kind,
+            brightest: texels.brightest(),
         })
     }
 
@@ -278,6 +287,7 @@ mod tests {
                     let (images, stored) = (&images, &stored);
                     scope.spawn(move || {
                         for (image, tiles) in images.iter().zip(stored) {
+                            assert_eq!(tiles.brightest(), image.brightest());
                             for index in (0..image.len()).skip(thread).step_by(7) {
                                 assert_eq!(tiles.get(index), image.get(index), "texel {index}");
                             }
