@@ -5,10 +5,12 @@ mod emission;
 mod motion;
 
 use super::*;
-use crate::geometry::{Shape, TriangleMesh};
+use crate::geometry::{Shape, ShapeId, TriangleMesh};
+use crate::math::Vec2;
 use crate::random::{PathRandom, Stream};
-use crate::texture::{TextureFilter, UvTransform, WrapMode};
+use crate::texture::{Bitmap, Texture, TextureFilter, UvTransform, WrapMode};
 use glam::{DMat4, DVec3, DVec4};
+use std::sync::Arc;
 
 /// Chi-square tests of this module, for Sidak's correction.
 const FAMILY: usize = 27;
