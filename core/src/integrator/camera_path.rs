@@ -1,6 +1,7 @@
 //! Camera paths with the light that they find by scattering and by connections with lights, of which each counts with its share.
 
 use crate::geometry::{Ray, SurfacePoint};
+use crate::light::Lights;
 use crate::math::{DVec2, Vec3};
 use crate::path::{Scattered, Tracer, Vertex, Walk, power_heuristic};
 use crate::random::PathRandom;
@@ -66,9 +67,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     #[inline(always)]
     pub(super) fn trace_edge(&mut self) -> Option<SurfacePoint> {
         let hit = self.walk.advance(self.tracer);
-        let emission = self
-            .found
-            .emission(self.tracer.scene, self.walk.ray.direction, hit.as_ref());
+        let emission = self.found.emission(self.tracer.scene, &self.walk.ray, hit.as_ref());
         self.radiance += self.walk.beta * emission;
         hit
     }
@@ -108,29 +107,40 @@ impl<'t, 'a> CameraPath<'t, 'a> {
 }
 
 impl Found {
-    /// Light emitted against `direction` by what an edge hit, or by what surrounds the scene, with its share.
-    fn emission(&self, scene: &Scene, direction: Vec3, hit: Option<&SurfacePoint>) -> Spectrum {
+    /// Light emitted against the ray by what it hit, or by what surrounds the scene, with its share.
+    fn emission(&self, scene: &Scene, ray: &Ray, hit: Option<&SurfacePoint>) -> Spectrum {
         let (from, pdf) = match self {
             Self::No => return Spectrum::ZERO,
             Self::InFull => (None, 1.0),
             Self::WithShare { from, pdf } => (Some(*from), *pdf),
         };
         let lights = &scene.lights;
-        let light = hit.map(|point| (scene.light_at(point), point));
-        let radiance = match light {
-            None => lights.background(direction),
-            Some((Some(light), point)) => lights.emitted(light, point, -direction),
-            Some((None, _)) => return Spectrum::ZERO,
+        let Some(point) = hit else {
+            return surroundings(lights, ray, from, pdf);
         };
-        let Some(from) = from.filter(|_| !radiance.is_black()) else {
-            return radiance;
+        let Some(light) = scene.light_at(point) else {
+            return Spectrum::ZERO;
         };
-        let light_pdf = match light {
-            Some((Some(light), point)) => lights.pdf_area(&scene.geometry, light, from, point),
-            _ => lights.pdf_background(direction),
-        };
-        radiance * power_heuristic(pdf, light_pdf)
+        let radiance = lights.emitted(light, point, -ray.direction);
+        match from.filter(|_| !radiance.is_black()) {
+            None => radiance,
+            Some(from) => radiance * power_heuristic(pdf, lights.pdf_area(&scene.geometry, light, from, point)),
+        }
     }
+}
+
+/// Light that arrives along a ray that hits nothing, in full, or with its share where `from` is connected with lights and has scattered
+/// the ray with the density `pdf`.
+#[inline(never)]
+fn surroundings(lights: &Lights, ray: &Ray, from: Option<Vec3>, pdf: f32) -> Spectrum {
+    let found = lights.beyond(ray).map(|beyond| {
+        let radiance = beyond.radiance(ray.direction);
+        match from.filter(|_| !radiance.is_black()) {
+            None => radiance,
+            Some(from) => radiance * power_heuristic(pdf, beyond.pdf_direct(from, ray.direction)),
+        }
+    });
+    found.sum()
 }
 
 /// Radiance towards the camera at a vertex by a connection with the point of a light that `choice` and `u` choose, with its share.

@@ -33,11 +33,18 @@ pub(super) struct LightPaths {
 }
 
 /// Starts a light path; `None` where it would carry nothing.
-pub(super) fn start(scene: &Scene, random: &mut PathRandom) -> Option<EmissionSample> {
+#[inline]
+pub(super) fn start(tracer: &mut Tracer, random: &mut PathRandom) -> Option<EmissionSample> {
     let (choice, u_position, u_direction) = (random.next_choice(), random.next_choice_2d(), random.next_choice_2d());
-    scene
-        .lights
-        .sample_emission(&scene.geometry, choice, u_position, u_direction)
+    let Scene { lights, geometry, .. } = tracer.scene;
+    let start = lights.sample_emission(geometry, choice, u_position, u_direction);
+    let before = start.as_ref().and_then(|start| lights.way_before(start));
+    let Some(before) = before else { return start };
+    let transmittance = tracer.transmittance(&before);
+    start.filter(|_| !transmittance.is_black()).map(|start| EmissionSample {
+        flux: start.flux * transmittance,
+        ..start
+    })
 }
 
 impl LightPaths {
@@ -62,7 +69,7 @@ impl LightPaths {
                 let first = self.range.start + chunk * CHUNK;
                 for path in first..self.range.end.min(first + CHUNK) {
                     let mut random = self.sequence.path(path);
-                    let start = start(scene, &mut random);
+                    let start = start(&mut tracer, &mut random);
                     trace(&mut tracer, path, start, &mut random, &mut result);
                 }
                 Ok((result, tracer.rays))

@@ -12,6 +12,8 @@ mod light;
 mod light_paths;
 mod path;
 pub mod pcf;
+#[cfg(test)]
+mod portals;
 mod pppm;
 #[cfg(test)]
 mod seen;

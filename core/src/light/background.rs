@@ -1,7 +1,7 @@
 use super::direction_map::DirectionMap;
 use super::sun::Sun;
 use crate::math::warp::square_to_sphere;
-use crate::math::{DVec2, FRAC_1_PI, Vec3, to_unit_vec2};
+use crate::math::{DVec2, FRAC_1_PI, Transform, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
 
 /// A light at infinity that fills directions. Directions are unit vectors towards it.
@@ -16,6 +16,14 @@ pub(super) enum Background {
 }
 
 impl Background {
+    /// The same where `to_world` puts it.
+    pub(super) fn moved(&self, to_world: &Transform) -> Self {
+        match self {
+            Self::Environment(map) => Self::Environment(Box::new(map.turned(to_world))),
+            Self::Constant(_) | Self::Sun(_) => self.clone(),
+        }
+    }
+
     /// Radiance that arrives from `direction` [W/(m^2 sr)].
     pub(super) fn radiance(&self, direction: Vec3) -> Spectrum {
         match self {

@@ -1,5 +1,6 @@
 //! What the lights of a scene are, as validated data in world space.
 
+use super::Portal;
 use crate::geometry::ShapeId;
 use crate::math::{Transform, Vec3};
 use crate::spectrum::Spectrum;
@@ -104,6 +105,13 @@ pub enum Light {
         half_angle: f32,
         /// Irradiance on a surface that faces it [W/m^2], for a small disc: radiance times solid angle.
         irradiance: Spectrum,
+    },
+    /// A light at infinity that fills directions, where it shines through a portal alone.
+    Portal {
+        /// What it shines through, in world space; it stays where it is when the light is moved.
+        portal: Portal,
+        /// The light. Of one that is not at infinity or has no size, the portal changes nothing.
+        beyond: Box<Light>,
     },
 }
 

@@ -2,16 +2,19 @@
 //!
 //! Area lights emit on the side of [`SurfacePoint::geometric_normal`], and that normal gives the cosine of what they
 //! emit. All lights at infinity that fill directions (constant, environment, sun) are treated as one background: a
-//! connection to any of them carries their sum, with the density of their mixture.
+//! connection to any of them carries their sum, with the density of their mixture. Those behind a [`Portal`] are each sampled
+//! alone.
 
 mod area;
 mod background;
+mod beyond;
 pub mod daylight;
 mod direction_map;
 mod environment;
 mod equal_area;
 mod goniometric;
 mod kinds;
+mod portal;
 mod projector;
 mod sample;
 mod source;
@@ -27,6 +30,8 @@ use crate::math::{DVec2, Discrete, FRAC_1_PI, Frame, PI, Transform, Vec3, to_uni
 use crate::spectrum::Spectrum;
 use background::Background;
 pub use kinds::{Even, Falloff, Light, Mapping};
+use portal::Opening;
+pub use portal::Portal;
 pub use sample::{EmissionSample, LightSample, Origin};
 use source::Source;
 use world::World;
@@ -49,6 +54,8 @@ pub struct Lights {
     probabilities: Vec<f32>,
     /// Those of the sources that rays which hit nothing meet: the lights that fill directions at infinity.
     backgrounds: Vec<u32>,
+    /// Those that such rays meet where they pass a portal.
+    portals: Vec<u32>,
     world: World,
 }
 
@@ -79,15 +86,16 @@ impl Lights {
             .map(|source| f64::from(source.power(&world).max(0.0)))
             .collect();
         let choice = Discrete::new(shares(&powers).into_iter());
+        let indices = |is: fn(&Source) -> bool| -> Vec<u32> {
+            let found = (0..).zip(&sources).filter(|(_, source)| is(source));
+            found.map(|(index, _)| index).collect()
+        };
         Self {
             probabilities: (0..sources.len())
                 .map(|index| choice.probability(index) as f32)
                 .collect(),
-            backgrounds: (0..)
-                .zip(&sources)
-                .filter(|(_, source)| matches!(source, Source::Background(_)))
-                .map(|(index, _)| index)
-                .collect(),
+            backgrounds: indices(|source| matches!(source, Source::Background(_))),
+            portals: indices(|source| matches!(source, Source::Portal(_))),
             sources,
             choice,
             world,
@@ -96,7 +104,7 @@ impl Lights {
 
     /// Whether there is a light that no ray finds, such as a point light ([`LightSample::delta`]).
     pub(crate) fn any_delta(&self) -> bool {
-        let found = |source: &Source| matches!(source, Source::Area { .. } | Source::Background(_));
+        let found = |source: &Source| matches!(source, Source::Area(_) | Source::Background(_) | Source::Portal(_));
         !self.sources.iter().all(found)
     }
 
@@ -183,6 +191,7 @@ impl Lights {
                     arrival: per_cross_section,
                 }
             }
+            Source::Portal(opening) => opening.connect(probability, from, u)?,
         };
         (sample.pdf > 0.0 && !sample.radiance.is_black()).then_some(sample)
     }
@@ -207,9 +216,9 @@ impl Lights {
         }
     }
 
-    /// Radiance that arrives from outside the scene along a ray of unit `direction` that hits nothing; the sum over distant lights.
+    /// Radiance that arrives from outside the scene from the unit vector `direction`; the sum over distant lights without a portal.
     #[must_use]
-    pub fn background(&self, direction: Vec3) -> Spectrum {
+    pub(crate) fn background(&self, direction: Vec3) -> Spectrum {
         self.backgrounds()
             .map(|(_, background)| background.radiance(direction))
             .sum()
@@ -217,7 +226,7 @@ impl Lights {
 
     /// Density [1/sr, choice of light included] with which [`Self::sample_direct`] returns `direction` from the background lights.
     #[must_use]
-    pub fn pdf_background(&self, direction: Vec3) -> f32 {
+    pub(crate) fn pdf_background(&self, direction: Vec3) -> f32 {
         self.backgrounds()
             .map(|(probability, background)| probability * background.pdf(direction))
             .sum()
@@ -307,8 +316,25 @@ impl Lights {
                     pdf_direction: pdf,
                 }
             }
+            Source::Portal(opening) => {
+                let chosen = (LightId(index as u32), probability);
+                opening.emit(chosen, u_position, u_direction)?
+            }
         };
         (!sample.flux.is_black()).then_some(sample)
+    }
+
+    /// The way that the light of a path through a portal has come before its ray, as a ray back to infinity: the path carries what comes
+    /// along it.
+    #[must_use]
+    pub fn way_before(&self, start: &EmissionSample) -> Option<Ray> {
+        match start.origin {
+            Origin::Portal(light) => match &self.sources[light.0 as usize] {
+                Source::Portal(opening) => Some(opening.way_before(&start.ray)),
+                _ => None,
+            },
+            _ => None,
+        }
     }
 
     /// Density with which [`Self::sample_direct`] at `from` returns the start of a light path, over that with which the path starts
@@ -323,6 +349,10 @@ impl Lights {
                 self.pdf_area(geometry, *light, from, point) * facing / (distance2 * start.pdf_position)
             }
             Origin::Normals => 0.0,
+            Origin::Portal(light) => match &self.sources[light.0 as usize] {
+                Source::Portal(opening) => opening.connection_over_emission(from, -start.ray.direction),
+                _ => 0.0,
+            },
             Origin::Point | Origin::Directional | Origin::Background => 1.0,
         }
     }
@@ -339,7 +369,7 @@ impl Lights {
 
     /// Density of the rays of light paths from infinity over the disc that faces them [1/unit^2].
     #[must_use]
-    pub fn pdf_through_scene(&self) -> f32 {
+    pub(crate) fn pdf_through_scene(&self) -> f32 {
         1.0 / self.world.cross_section()
     }
 
@@ -349,6 +379,16 @@ impl Lights {
             .iter()
             .filter_map(|index| match &self.sources[*index as usize] {
                 Source::Background(background) => Some((self.probabilities[*index as usize], background)),
+                _ => None,
+            })
+    }
+
+    /// The lights behind portals, each with its probability.
+    fn portals(&self) -> impl Iterator<Item = (f32, &Opening)> {
+        self.portals
+            .iter()
+            .filter_map(|index| match &self.sources[*index as usize] {
+                Source::Portal(opening) => Some((self.probabilities[*index as usize], &**opening)),
                 _ => None,
             })
     }

@@ -54,18 +54,20 @@ pub enum Origin {
     Directional,
     /// At infinity, in any direction.
     Background,
+    /// At infinity, behind the portal of this light.
+    Portal(LightId),
 }
 
 impl Origin {
     /// Whether paths that are scattered can find it.
     #[must_use]
     pub fn is_hit_by_chance(&self) -> bool {
-        matches!(self, Self::Area(..) | Self::Background)
+        matches!(self, Self::Area(..) | Self::Background | Self::Portal(_))
     }
 
     /// Whether it lies at infinity.
     #[must_use]
     pub fn is_infinite(&self) -> bool {
-        matches!(self, Self::Directional | Self::Background)
+        matches!(self, Self::Directional | Self::Background | Self::Portal(_))
     }
 }

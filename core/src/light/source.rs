@@ -5,6 +5,7 @@ use super::area::Area;
 use super::background::Background;
 use super::direction_map::DirectionMap;
 use super::goniometric::Goniometric;
+use super::portal::Opening;
 use super::projector::Projector;
 use super::spot::Spot;
 use super::sun::Sun;
@@ -31,6 +32,7 @@ pub(super) enum Source {
         irradiance: Spectrum,
     },
     Background(Background),
+    Portal(Box<Opening>),
 }
 
 impl Source {
@@ -94,6 +96,10 @@ impl Source {
                 half_angle,
                 irradiance,
             } => Self::Background(Background::Sun(Sun::new(towards, half_angle, irradiance))),
+            Light::Portal { portal, beyond } => match Self::new(*beyond, geometry) {
+                Self::Background(beyond) => Self::Portal(Box::new(Opening::new(portal, beyond))),
+                other => other,
+            },
         }
     }
 
@@ -113,10 +119,8 @@ impl Source {
                 direction: to_world.matrix().z_axis.truncate().normalize().as_vec3(),
                 irradiance: *irradiance,
             },
-            Self::Background(Background::Environment(map)) => {
-                Self::Background(Background::Environment(Box::new(map.turned(to_world))))
-            }
-            Self::Background(Background::Constant(_) | Background::Sun(_)) => self.clone(),
+            Self::Background(background) => Self::Background(background.moved(to_world)),
+            Self::Portal(opening) => Self::Portal(Box::new(opening.moved(to_world))),
         }
     }
 
@@ -131,6 +135,7 @@ impl Source {
             Self::Goniometric(lamp) => lamp.power(),
             Self::Directional { irradiance, .. } => irradiance.luminance() * world.cross_section(),
             Self::Background(background) => background.mean_luminance() * 4.0 * PI * world.cross_section(),
+            Self::Portal(opening) => opening.power(),
         }
     }
 }

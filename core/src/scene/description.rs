@@ -5,6 +5,7 @@ use super::faults::Faults;
 use super::loader::LoadedFile;
 use super::mesh::RawMesh;
 use super::warning::Warnings;
+use crate::light::Portal;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::Cell;
@@ -223,6 +224,8 @@ pub(crate) enum Value {
     Animation(AnimatedTransform),
     /// The triangles of a shape of type `mesh`, which other formats hold in the scene file itself.
     Mesh(Arc<RawMesh>),
+    /// What a light at infinity shines through, which scene files of pbrt have alone.
+    Portal(Portal),
     /// A file in place of its name, where the scene file holds its content.
     File(LoadedFile),
 }
@@ -240,6 +243,7 @@ impl Value {
             Self::Transform(_) => "transform",
             Self::Animation(_) => "animation",
             Self::Mesh(_) => "mesh",
+            Self::Portal(_) => "portal",
             Self::File(_) => "file",
         }
     }

@@ -55,6 +55,14 @@ impl Appearance {
             Light::Goniometric { image, scale, .. } => {
                 point(Spectrum::average(image.texels.iter()).luminance() * scale / distance2)
             }
+            Light::Portal { portal, beyond } => {
+                let solid_angle = portal.area() / distance2;
+                let open = Self::of(beyond, geometry);
+                Self {
+                    solid_angle,
+                    irradiance: open.irradiance * (solid_angle / PI).min(1.0),
+                }
+            }
             Light::Sun {
                 half_angle, irradiance, ..
             } => Self {

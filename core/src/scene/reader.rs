@@ -4,6 +4,7 @@ use super::description::{Child, Description, Kind, Object, ObjectId, Property, S
 use super::error::{Place, SceneError, did_you_mean, list, nearest, shortened};
 use super::loader::LoadedFile;
 use super::mesh::RawMesh;
+use crate::light::Portal;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
 use std::cell::RefCell;
@@ -274,6 +275,15 @@ impl<'d> Reader<'d> {
             }) => Ok(Some(mesh)),
             Some(property) => self.left_out(self.mismatch(name, property, "mesh")),
         }
+    }
+
+    /// The portal that the property `name` holds, where it holds one: no format but pbrt's has the property.
+    pub(crate) fn portal(&self, name: &str) -> Option<Portal> {
+        let Value::Portal(portal) = self.object.properties.get(name)?.value else {
+            return None;
+        };
+        self.accept(&[name]);
+        Some(portal)
     }
 
     /// The value that goes with a string, which is one of `choices`.

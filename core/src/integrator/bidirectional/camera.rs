@@ -96,30 +96,33 @@ impl<'a> Estimator<'a> {
         edges: u32,
     ) -> Spectrum {
         let (scene, lights) = (tracer.scene, &tracer.scene.lights);
-        let (radiance, connected, emitted) = match hit {
-            None => {
-                let pdf = lights.pdf_background(ray.direction);
-                (lights.background(ray.direction), pdf, pdf * lights.pdf_through_scene())
-            }
-            Some(point) => {
-                let Some(light) = scene.light_at(point) else {
-                    return Spectrum::ZERO;
-                };
-                // The density of the direction is its cosine over pi; the cosine turns what the path kept into terms of area.
-                (
-                    lights.emitted(light, point, -ray.direction),
-                    lights.pdf_area(&scene.geometry, light, ray.origin, point),
-                    lights.pdf_emission_position(light) * FRAC_1_PI,
-                )
-            }
+        // Nothing connects a light with the lens directly.
+        let connections = if edges == 1 { 0.0 } else { self.light_edges.first };
+        let share = |connected: f32, emitted: f32| {
+            let others = connections * connected * partial.edge + emitted * partial.before;
+            self.share(others)
         };
+        let Some(point) = hit else {
+            let found = lights.beyond(ray).map(|beyond| {
+                let radiance = beyond.radiance(ray.direction);
+                if radiance.is_black() {
+                    return radiance;
+                }
+                let (connected, emitted) = beyond.densities(ray.origin, ray.direction);
+                radiance * share(connected, emitted)
+            });
+            return found.sum();
+        };
+        let Some(light) = scene.light_at(point) else {
+            return Spectrum::ZERO;
+        };
+        let radiance = lights.emitted(light, point, -ray.direction);
         if radiance.is_black() {
             return radiance;
         }
-        // Nothing connects a light with the lens directly.
-        let connections = if edges == 1 { 0.0 } else { self.light_edges.first };
-        let others = connections * connected * partial.edge + emitted * partial.before;
-        radiance * self.share(others)
+        // The density of the direction is its cosine over pi; the cosine turns what the path kept into terms of area.
+        let connected = lights.pdf_area(&scene.geometry, light, ray.origin, point);
+        radiance * share(connected, lights.pdf_emission_position(light) * FRAC_1_PI)
     }
 
     /// Direct light at the end of a camera path by a connection with a point of a light (`s = 1`).

@@ -96,7 +96,7 @@ fn paths_replayed_from_recorded_numbers_have_the_same_bits() {
         let light_path = |path: u32, random: &mut PathRandom| {
             let mut tracer = Tracer::new(&scene);
             let mut out = light::Chunk::default();
-            if let Some(start) = light_paths::start(&scene, random) {
+            if let Some(start) = light_paths::start(&mut tracer, random) {
                 estimator.trace_light_path(&mut tracer, path, &start, random, &mut out);
             }
             let flux = |end: &End| end.vertex.beta.to_rgb().map(f32::to_bits);

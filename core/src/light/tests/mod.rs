@@ -3,6 +3,7 @@
 mod direct;
 mod emission;
 mod motion;
+mod portal;
 
 use super::*;
 use crate::geometry::{Shape, ShapeId, TriangleMesh};
@@ -13,7 +14,7 @@ use glam::{DMat4, DVec3, DVec4};
 use std::sync::Arc;
 
 /// Chi-square tests of this module, for Sidak's correction.
-const FAMILY: usize = 27;
+const FAMILY: usize = 30;
 /// Deviations that a z-test allows: a false alarm has probability 6.3e-5 each, fixed by the seed.
 const DEVIATIONS: f64 = 4.0;
 

@@ -35,11 +35,16 @@ fn moved_lights_are_those_built_in_their_new_places() {
         if let Some(Light::Environment { to_world: turned, .. }) = lights.last_mut() {
             *turned = to_world;
         }
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y].map(|corner| corner + Vec3::Z);
+        lights.push(Light::Portal {
+            portal: Portal::new(corners).expect("a square is a rectangle"),
+            beyond: Box::new(lights[5].clone()),
+        });
         let geometry = Geometry::build(shapes);
         (Lights::build(lights, &geometry), geometry)
     };
     let ((before, _), (built, geometry)) = (at(0.0), at(0.7));
-    let moved = before.moved(&geometry, (1..6).map(|light| (LightId(light), place(0.7))));
+    let moved = before.moved(&geometry, (1..7).map(|light| (LightId(light), place(0.7))));
     let mut random = random(1);
     for _ in 0..2_000 {
         let from = square_to_sphere(random.next_2d());

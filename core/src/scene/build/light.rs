@@ -41,6 +41,7 @@ impl Builder<'_, '_> {
         let reader = self.reader(object);
         let at_rest = self.motion.at_rest();
         let mut to_world = None;
+        let portal = reader.portal("portal");
         let light = match reader.object.plugin.as_str() {
             "area" => return self.detached_area_light(object, &reader),
             "sky" | "sun" | "sunsky" | "timed_sunsky" => return self.daylight(&reader),
@@ -87,6 +88,13 @@ impl Builder<'_, '_> {
         };
         check_sampling_weight(&reader)?;
         reader.finish();
+        let light = match portal {
+            Some(portal) => Light::Portal {
+                portal,
+                beyond: Box::new(light),
+            },
+            None => light,
+        };
         let moving = to_world.filter(|to_world| to_world.moves_within(self.motion.shutter));
         self.add_light(light, moving, reader.place());
         Ok(())

@@ -8,9 +8,13 @@ use super::parameter::Parameters;
 use super::shape::Made;
 use super::state::facing;
 use super::texture::Tint;
+use crate::light::Portal;
+use crate::math::Vec3;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError};
+use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::spectrum::Use;
+use crate::spectrum::Spectrum;
 use glam::{DMat4, DVec3, DVec4};
 use std::f64::consts::{PI, TAU};
 
@@ -48,6 +52,13 @@ impl Reading<'_, '_> {
         let colour = self.colour(parameters, name, Use::Emission)?.unwrap_or([1.0; 3]);
         let scale = self.light_scale(parameters)?;
         Ok(std::array::from_fn(|i| colour[i] * scale[i]))
+    }
+
+    /// The luminance of the colour `name` of a light, without its scale.
+    fn light_luminance(&mut self, parameters: &Parameters, name: &str) -> Result<f64, SceneError> {
+        let [r, g, b] = self.colour(parameters, name, Use::Emission)?.unwrap_or([1.0; 3]);
+        let colour = Spectrum::from_rgb([r as f32, g as f32, b as f32]);
+        Ok(colour.luminance().into())
     }
 
     fn point(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
@@ -109,23 +120,38 @@ impl Reading<'_, '_> {
         Ok(())
     }
 
-    /// Light from all sides: the same from everywhere, or an image.
+    /// Light from all sides: the same from everywhere, or an image; it may come through a portal alone.
     fn infinite(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
-        if parameters.has("portal") {
-            let without =
-                "it is left out: light comes from all sides, which is the same where no other opening lets it in";
-            parameters.warn_of("portal", without);
-            parameters.ignore(&["portal"]);
+        let portal = portal(parameters)?;
+        let light = self.surroundings(parameters, portal.is_some())?;
+        if let Some(portal) = portal {
+            self.draft.set(light, "portal", Value::Portal(portal));
         }
+        Ok(())
+    }
+
+    fn surroundings(&mut self, parameters: &Parameters, has_portal: bool) -> Result<ObjectId, SceneError> {
         let illuminance = parameters.float("illuminance")?.filter(|value| *value > 0.0);
         let Some(file) = self.image_file(parameters)? else {
             let colour = self.light_colour(parameters, "L")?;
-            // Of a sky of radiance 1 on one side of a surface (`Light::Create`).
-            let factor = illuminance.map_or(1.0, |illuminance| illuminance / PI);
+            let factor = match illuminance {
+                None => 1.0,
+                // Of a sky of radiance 1 on one side of a surface (`Light::Create`).
+                Some(illuminance) if !has_portal => illuminance / PI,
+                // Behind a portal it is an image of one texel there, and counted as images are.
+                Some(illuminance) => {
+                    let luminance = self.light_luminance(parameters, "L")?;
+                    if luminance > 0.0 {
+                        illuminance / (TAU * luminance)
+                    } else {
+                        1.0
+                    }
+                }
+            };
             let light = self.add_light("constant", parameters);
             self.draft
                 .set(light, "radiance", Value::Rgb(colour.map(|channel| channel * factor)));
-            return Ok(());
+            return Ok(light);
         };
         let scale = self.light_colour(parameters, "L")?;
         let light = self.add_light("envmap", parameters);
@@ -135,7 +161,8 @@ impl Reading<'_, '_> {
         if let Some(illuminance) = illuminance {
             self.draft.set(light, "illuminance", Value::Float(illuminance));
         }
-        self.set_rotation(light, self.state.placed(DMat4::IDENTITY))
+        self.set_rotation(light, self.state.placed(DMat4::IDENTITY))?;
+        Ok(light)
     }
 
     /// The name of a light's image, which is called otherwise in pbrt-v3.
@@ -264,6 +291,31 @@ impl Reading<'_, '_> {
             DMat4::from_cols(axis(matrix.x_axis), axis(matrix.y_axis), axis(matrix.z_axis), place)
         });
         self.set_to_world(object, unscaled)
+    }
+}
+
+/// What a light shines through. Its corners are in world space whatever the transform is, as in pbrt-v4.
+fn portal(parameters: &Parameters) -> Result<Option<Portal>, SceneError> {
+    if !parameters.has("portal") {
+        return Ok(None);
+    }
+    let Some(corners) = parameters.groups::<3>("portal")? else {
+        return Ok(None);
+    };
+    let Ok(corners) = <[[f32; 3]; 4]>::try_from(corners) else {
+        return parameters.fault("portal", "a portal has four points, its corners");
+    };
+    let corners = corners.map(Vec3::from_array);
+    let farthest = corners.map(|corner| corner.abs().max_element());
+    if farthest.iter().any(|farthest| *farthest > LARGEST_COORDINATE) {
+        return parameters.fault("portal", format!("it reaches beyond {LARGEST_COORDINATE:e}"));
+    }
+    match Portal::new(corners) {
+        Some(portal) => Ok(Some(portal)),
+        None => parameters.fault(
+            "portal",
+            "its points are not the corners of a flat rectangle, one after the other",
+        ),
     }
 }
 

@@ -30,6 +30,18 @@ fn faults_name_line_directive_and_parameter() {
         ),
         ("Shape \"sphere\" \"float radius\" -1", "`radius`: -1 is out of range"),
         (
+            "WorldBegin\nLightSource \"infinite\"\n\"point3 portal\" [0 0 0 1 0 0 1 1 0]",
+            "main.pbrt:3: LightSource \"infinite\" `portal`: a portal has four points",
+        ),
+        (
+            "WorldBegin\nLightSource \"infinite\"\n\"point3 portal\" [0 0 0 1 0 0 1 1 0 0 1 0.1]",
+            "main.pbrt:3: LightSource \"infinite\" `portal`: its points are not the corners of a flat rectangle",
+        ),
+        (
+            "LightSource \"infinite\" \"point3 portal\" [0 0 0 1e10 0 0 1e10 1 0 0 1 0]",
+            "`portal`: it reaches beyond 1e9",
+        ),
+        (
             "Shape \"sphere\" \"float radius\" \"a\"",
             "`radius`: expected one number, found 1",
         ),

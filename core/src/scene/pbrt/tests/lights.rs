@@ -1,6 +1,7 @@
 //! How bright lights are, in what colour, and where they shine.
 
 use super::{Description, describe, describe_with, load, load_with, near, seen};
+use crate::geometry::Ray;
 use crate::math::Vec3;
 use crate::scene::description::{Kind, Value};
 use crate::spectrum::Spectrum;
@@ -423,4 +424,37 @@ fn area_lights_belong_to_the_block_and_not_to_objects() {
     let scaled = described.child(described.the(Kind::Emitter, "area"), Some("radiance"));
     assert_eq!((scaled.plugin.as_str(), scaled.number("scale")), ("scale", 3.0));
     assert_eq!(described.child(scaled, Some("tex")).text("filename"), "a.png");
+}
+
+/// The corners are in world space whatever the transform is, and light comes from the side of (d - a) x (b - a) alone.
+#[test]
+fn portals_stand_in_world_space_and_open_to_one_side() {
+    let at = |light: &str, direction: Vec3| {
+        let text =
+            format!("WorldBegin Rotate 30 1 2 3 Translate 5 6 7 LightSource \"infinite\" {light} Shape \"sphere\"");
+        let scene = load_with(&text, &[("sky.pfm", &image(2, 2))]).unwrap_or_else(|faults| panic!("{faults}"));
+        let warned = scene.warnings.iter().any(|warning| warning.message.contains("portal"));
+        assert!(!warned, "{:?}", scene.warnings);
+        let ray = Ray {
+            origin: Vec3::new(0.9, 1.9, 2.0),
+            direction,
+            max_distance: f32::INFINITY,
+        };
+        let found = scene.lights.beyond(&ray);
+        found.map(|beyond| beyond.radiance(direction)).sum::<Spectrum>()[1]
+    };
+    let up = "\"point3 portal\" [0 0 3 1 0 3 1 2 3 0 2 3]";
+    let down = "\"point3 portal\" [0 0 3 0 2 3 1 2 3 1 0 3]";
+    let image = "\"string filename\" \"sky.pfm\" \"float scale\" 2";
+    for (light, radiance) in [(image, 2.0), ("\"rgb L\" [5 5 5]", 5.0), ("", 1.0)] {
+        let seen = |portal: &str, direction| at(&format!("{light} {portal}"), direction);
+        // (d - a) x (b - a) is y x x, which is -z, and turned round +z.
+        assert_eq!(seen(down, Vec3::Z), radiance);
+        assert_eq!(seen(up, Vec3::Z), 0.0, "from the other side");
+        assert_eq!(seen(down, Vec3::NEG_Z), 0.0, "behind");
+        assert_eq!(seen(down, Vec3::new(0.6, 0.0, 0.8)), 0.0, "beside it");
+    }
+    // As an image of one texel, whose illuminance pbrt counts as twice what it is.
+    let lit = at(&format!("\"rgb L\" [3 3 3] \"float illuminance\" 7 {down}"), Vec3::Z);
+    assert!((f64::from(lit) - 7.0 / (2.0 * PI)).abs() < 1e-5, "{lit}");
 }
