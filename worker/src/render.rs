@@ -1,6 +1,7 @@
 //! What the worker needs of a renderer.
 
 use crate::cache::{BundleFiles, FileError};
+use bytes::Bytes;
 use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
 use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles, Wishes};
 use photonfarm_core::settings::IntegratorSettings;
@@ -49,9 +50,9 @@ impl Renderer for CoreRenderer {
 }
 
 impl SceneFiles for BundleFiles {
-    fn read(&self, name: &str) -> Result<Vec<u8>, SceneError> {
+    fn read(&self, name: &str) -> Result<Bytes, SceneError> {
         let (place, name) = (Place::whole(name), name.to_owned());
-        self.bytes(&name).map_err(|error| match error {
+        self.bytes(&name).map(Bytes::from).map_err(|error| match error {
             FileError::Missing => SceneError::NotFound {
                 tried: name.clone(),
                 place,

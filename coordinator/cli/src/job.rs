@@ -4,6 +4,7 @@ use crate::args::{JobArgs, unique};
 use crate::repeat::OldPicture;
 use crate::{say, settings};
 use anyhow::{Context, Result, anyhow, bail};
+use bytes::Bytes;
 use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder, SceneWarning};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::BlobHash;
@@ -19,7 +20,7 @@ pub(crate) struct PreparedJob {
     /// The files of the scene.
     pub(crate) manifest: BundleManifest,
     /// Their contents.
-    pub(crate) contents: BTreeMap<BlobHash, Vec<u8>>,
+    pub(crate) contents: BTreeMap<BlobHash, Bytes>,
     /// Repeating the submission under this key does not create a second job.
     pub(crate) key: String,
 }

@@ -8,7 +8,7 @@ use super::warning::Warnings;
 use crate::light::Portal;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::sync::Arc;
@@ -223,7 +223,7 @@ pub(crate) enum Value {
     Transform(Box<Transform>),
     Animation(AnimatedTransform),
     /// The triangles of a shape of type `mesh`, which other formats hold in the scene file itself.
-    Mesh(Arc<RawMesh>),
+    Mesh(SharedMesh),
     /// What a light at infinity shines through, which scene files of pbrt have alone.
     Portal(Portal),
     /// A file in place of its name, where the scene file holds its content.
@@ -246,6 +246,34 @@ impl Value {
             Self::Portal(_) => "portal",
             Self::File(_) => "file",
         }
+    }
+}
+
+/// Triangles that several shapes may have.
+#[derive(Debug)]
+pub(crate) struct SharedMesh(RefCell<Arc<RawMesh>>);
+
+impl SharedMesh {
+    /// The triangles.
+    pub(crate) fn get(&self) -> Arc<RawMesh> {
+        self.0.borrow().clone()
+    }
+
+    /// The triangles, for the last one who needs them: none are left, and so memory need not hold them twice.
+    pub(crate) fn take(&self) -> Arc<RawMesh> {
+        self.0.take()
+    }
+}
+
+impl From<RawMesh> for SharedMesh {
+    fn from(mesh: RawMesh) -> Self {
+        Arc::new(mesh).into()
+    }
+}
+
+impl From<Arc<RawMesh>> for SharedMesh {
+    fn from(mesh: Arc<RawMesh>) -> Self {
+        Self(RefCell::new(mesh))
     }
 }
 

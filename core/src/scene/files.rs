@@ -2,6 +2,7 @@
 
 use super::error::{Place, SceneError, within};
 use super::limits::Limits;
+use bytes::Bytes;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
@@ -17,7 +18,7 @@ pub trait SceneFiles {
     /// # Errors
     /// [`SceneError::NotFound`] where there is no such file (the loader then looks in the next folder),
     /// [`SceneError::FileName`] for a name that is none, [`SceneError::Limit`] for a file that is too large.
-    fn read(&self, name: &str) -> Result<Vec<u8>, SceneError>;
+    fn read(&self, name: &str) -> Result<Bytes, SceneError>;
 }
 
 /// The plain form of a file name: '/'-separated, without `.` and empty parts, and with `..` at its start only. It is relative to the
@@ -150,27 +151,27 @@ fn unreadable(name: &str, error: &std::io::Error) -> SceneError {
 }
 
 impl SceneFiles for SceneFolder {
-    fn read(&self, name: &str) -> Result<Vec<u8>, SceneError> {
+    fn read(&self, name: &str) -> Result<Bytes, SceneError> {
         let place = Place::whole(name);
         let file = self.open(&normalise(name)?)?;
         let unreadable = |error| unreadable(name, &error);
         let limit = self.limits.file_bytes;
         let what = format!("bytes of file `{name}`");
-        within(&place, &what, file.metadata().map_err(unreadable)?.len(), limit)?;
-        let mut bytes = Vec::new();
+        let length = within(&place, &what, file.metadata().map_err(unreadable)?.len(), limit)?;
+        let mut bytes = Vec::with_capacity(length as usize);
         let read = file
             .take(limit.saturating_add(1))
             .read_to_end(&mut bytes)
             .map_err(unreadable)?;
         within(&place, &what, read as u64, limit)?;
-        Ok(bytes)
+        Ok(bytes.into())
     }
 }
 
 /// Passes reads on to other files and keeps what was read: the content of the scene's bundle.
 pub struct RecordedFiles<'a> {
     inner: &'a dyn SceneFiles,
-    read: Mutex<BTreeMap<String, Vec<u8>>>,
+    read: Mutex<BTreeMap<String, Bytes>>,
 }
 
 impl<'a> RecordedFiles<'a> {
@@ -188,13 +189,13 @@ impl<'a> RecordedFiles<'a> {
     /// # Panics
     /// If a read panicked on another thread.
     #[must_use]
-    pub fn into_files(self) -> BTreeMap<String, Vec<u8>> {
+    pub fn into_files(self) -> BTreeMap<String, Bytes> {
         self.read.into_inner().expect("no read panicked")
     }
 }
 
 impl SceneFiles for RecordedFiles<'_> {
-    fn read(&self, name: &str) -> Result<Vec<u8>, SceneError> {
+    fn read(&self, name: &str) -> Result<Bytes, SceneError> {
         let name = normalise(name)?;
         let bytes = self.inner.read(&name)?;
         self.read.lock().expect("no read panicked").insert(name, bytes.clone());
@@ -203,14 +204,17 @@ impl SceneFiles for RecordedFiles<'_> {
 }
 
 /// A bundle in memory.
-impl SceneFiles for BTreeMap<String, Vec<u8>> {
-    fn read(&self, name: &str) -> Result<Vec<u8>, SceneError> {
+impl<B: Clone + Into<Bytes>> SceneFiles for BTreeMap<String, B> {
+    fn read(&self, name: &str) -> Result<Bytes, SceneError> {
         let name = normalise(name)?;
-        self.get(&name).cloned().ok_or_else(|| SceneError::NotFound {
-            place: Place::whole(&name),
-            tried: format!("`{name}`"),
-            name,
-        })
+        match self.get(&name) {
+            Some(bytes) => Ok(bytes.clone().into()),
+            None => Err(SceneError::NotFound {
+                place: Place::whole(&name),
+                tried: format!("`{name}`"),
+                name,
+            }),
+        }
     }
 }
 

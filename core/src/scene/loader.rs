@@ -3,15 +3,15 @@
 use super::error::{Place, SceneError, within};
 use super::files::{SceneFiles, normalise};
 use super::limits::Limits;
+use bytes::Bytes;
 use flate2::bufread::MultiGzDecoder;
 use std::collections::BTreeMap;
 use std::io::Read;
-use std::sync::Arc;
 
 pub(crate) struct Loader<'a> {
     files: &'a dyn SceneFiles,
     pub(crate) limits: &'a Limits,
-    read: BTreeMap<String, Arc<[u8]>>,
+    read: BTreeMap<String, Bytes>,
     total: u64,
 }
 
@@ -21,7 +21,7 @@ pub(crate) struct LoadedFile {
     /// Plain name within the scene.
     pub(crate) name: String,
     /// The content, decompressed where the file is one of `gzip`.
-    pub(crate) bytes: Arc<[u8]>,
+    pub(crate) bytes: Bytes,
 }
 
 impl LoadedFile {
@@ -94,7 +94,7 @@ impl<'a> Loader<'a> {
             bytes.len() as u64,
             self.limits.file_bytes,
         )?;
-        let bytes: Arc<[u8]> = unpacked(name, bytes, self.limits.file_bytes)?.into();
+        let bytes = unpacked(name, bytes, self.limits.file_bytes)?;
         self.total += bytes.len() as u64;
         within(place, "bytes of all files", self.total, self.limits.total_bytes)?;
         self.read.insert(name.into(), bytes.clone());
@@ -106,7 +106,7 @@ impl<'a> Loader<'a> {
 }
 
 /// The content of the file `name`, decompressed where it is one of `gzip`, whose content may have `limit` bytes.
-fn unpacked(name: &str, bytes: Vec<u8>, limit: u64) -> Result<Vec<u8>, SceneError> {
+fn unpacked(name: &str, bytes: Bytes, limit: u64) -> Result<Bytes, SceneError> {
     if !bytes.starts_with(&[0x1f, 0x8b]) {
         return Ok(bytes);
     }
@@ -117,5 +117,5 @@ fn unpacked(name: &str, bytes: Vec<u8>, limit: u64) -> Result<Vec<u8>, SceneErro
         .read_to_end(&mut content)
         .map_err(|error| SceneError::data(&place, format!("broken gzip data: {error}")))?;
     within(&place, "bytes of the decompressed file", content.len() as u64, limit)?;
-    Ok(content)
+    Ok(content.into())
 }

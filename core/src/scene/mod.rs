@@ -19,6 +19,7 @@ mod limits;
 mod linear_image;
 mod loader;
 mod mesh;
+mod number;
 mod pbrt;
 mod pfm;
 mod reader;

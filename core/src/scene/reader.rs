@@ -1,9 +1,8 @@
 //! Typed access to a described object that notices what was never asked for.
 
-use super::description::{Child, Description, Kind, Object, ObjectId, Property, SpectrumValue, Value};
+use super::description::{Child, Description, Kind, Object, ObjectId, Property, SharedMesh, SpectrumValue, Value};
 use super::error::{Place, SceneError, did_you_mean, list, nearest, shortened};
 use super::loader::LoadedFile;
-use super::mesh::RawMesh;
 use crate::light::Portal;
 use crate::math::{AnimatedTransform, Transform};
 use glam::DVec3;
@@ -266,7 +265,7 @@ impl<'d> Reader<'d> {
     }
 
     /// The triangles that the property `name` holds.
-    pub(crate) fn mesh(&self, name: &str) -> Result<Option<&'d RawMesh>, SceneError> {
+    pub(crate) fn mesh(&self, name: &str) -> Result<Option<&'d SharedMesh>, SceneError> {
         match self.property(name) {
             None => Ok(None),
             Some(Property {

@@ -15,7 +15,7 @@ pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
     std::iter::from_fn(move || {
         let text = rest?;
         number += 1;
-        let end = text.iter().position(|byte| matches!(byte, b'\n' | b'\r'));
+        let end = memchr::memchr2(b'\n', b'\r', text);
         let (line, after) = match end {
             Some(end) if text[end..].starts_with(b"\r\n") => (&text[..end], Some(&text[end + 2..])),
             Some(end) => (&text[..end], Some(&text[end + 1..])),
@@ -23,16 +23,6 @@ pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
         };
         rest = after;
         Some((number, line))
-    })
-}
-
-/// A number of one to nine digits, as most indices of meshes are: sooner than `parse` tells.
-pub(super) fn digits(word: &[u8]) -> Option<u32> {
-    if word.is_empty() || word.len() > 9 {
-        return None;
-    }
-    word.iter().try_fold(0, |number, byte| {
-        byte.is_ascii_digit().then(|| number * 10 + u32::from(byte - b'0'))
     })
 }
 
@@ -184,15 +174,6 @@ mod tests {
         let expected: [(u32, &[u8]); 6] = [(1, b"a"), (2, b"b"), (3, b""), (4, b"c"), (5, b""), (6, b"d")];
         assert_eq!(found, expected);
         assert_eq!(lines(b"").count(), 1);
-    }
-
-    #[test]
-    fn digits_are_read_as_numbers() {
-        assert_eq!(digits(b"0"), Some(0));
-        assert_eq!(digits(b"999999999"), Some(999_999_999));
-        for word in ["", "1234567890", "-1", "+1", "1.", "1/2"] {
-            assert_eq!(digits(word.as_bytes()), None, "{word}");
-        }
     }
 
     #[test]

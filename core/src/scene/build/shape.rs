@@ -148,7 +148,11 @@ impl Builder<'_, '_> {
             "disk" => disk(reader, to_world, flip)?,
             "cylinder" => cylinder(reader, &to_world, flip)?,
             "obj" | "ply" | "serialized" => self.mesh_file(reader, &to_world, flip)?,
-            "mesh" => self.mesh(reader, &to_world, flip)?,
+            "mesh" => {
+                // The shapes of a group may be built for each of its instances.
+                let again = placed.is_some() || self.within_group;
+                self.mesh(reader, again, &to_world, flip)?
+            }
             "bsplinecurve" | "linearcurve" | "hair" => self.curves(reader, &to_world, flip)?,
             "heightfield" => self.height_field(reader, &to_world, flip)?,
             _ => return reader.other_type(&SUPPORTED, "the shape is left out of the picture"),
@@ -305,13 +309,14 @@ impl Builder<'_, '_> {
             .map_err(|reason| reader.wrong("to_world", reason))
     }
 
-    /// A mesh whose triangles stand in the scene itself.
-    fn mesh(&mut self, reader: &Reader, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
+    /// A mesh whose triangles stand in the scene itself; `again` tells that it may be built more than once.
+    fn mesh(&mut self, reader: &Reader, again: bool, to_world: &Transform, flip: bool) -> Result<Shape, SceneError> {
         let face_normals = reader.boolean("face_normals", false)?;
         let raw = reader.mesh("mesh")?.ok_or_else(|| reader.missing("property `mesh`"))?;
+        let raw = if again { raw.get() } else { raw.take() };
         reader.finish();
-        self.count(reader.place(), raw)?;
-        let finished = mesh::finish(raw.clone(), to_world, face_normals, flip);
+        self.count(reader.place(), &raw)?;
+        let finished = mesh::finish(Arc::unwrap_or_clone(raw), to_world, face_normals, flip);
         let finished = finished.map_err(|reason| SceneError::value(reader.place(), reader.context(), reason))?;
         Ok(self.shape_of_mesh(finished))
     }

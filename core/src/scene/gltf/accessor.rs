@@ -4,12 +4,12 @@
 use super::document::{Accessor, Document};
 use crate::scene::error::{Place, SceneError, shortened, within};
 use crate::scene::limits::Limits;
-use std::sync::Arc;
+use bytes::Bytes;
 
 /// The document's accessors over its buffers.
 pub(super) struct Accessors<'a> {
     document: &'a Document,
-    buffers: Vec<Option<Arc<[u8]>>>,
+    buffers: Vec<Option<Bytes>>,
     place: Place,
     limits: &'a Limits,
 }
@@ -112,12 +112,7 @@ impl Elements<'_> {
 }
 
 impl<'a> Accessors<'a> {
-    pub(super) fn new(
-        document: &'a Document,
-        buffers: Vec<Option<Arc<[u8]>>>,
-        place: &Place,
-        limits: &'a Limits,
-    ) -> Self {
+    pub(super) fn new(document: &'a Document, buffers: Vec<Option<Bytes>>, place: &Place, limits: &'a Limits) -> Self {
         Self {
             document,
             buffers,

@@ -6,7 +6,7 @@ use crate::scene::limits::Limits;
 use crate::scene::loader::{LoadedFile, Loader};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use std::sync::Arc;
+use bytes::Bytes;
 
 /// How the file begins that holds JSON and binary data together.
 const MAGIC: &[u8; 4] = b"glTF";
@@ -153,13 +153,13 @@ pub(super) fn buffers(
     loader: &mut Loader,
     scene: &LoadedFile,
     place: &Place,
-) -> Result<Vec<Option<Arc<[u8]>>>, SceneError> {
+) -> Result<Vec<Option<Bytes>>, SceneError> {
     let mut buffers = Vec::with_capacity(document.buffers.len());
     for (index, buffer) in document.buffers.iter().enumerate() {
         let field = format!("buffers[{index}]");
-        let bytes: Option<Arc<[u8]>> = match (&buffer.uri, binary) {
+        let bytes: Option<Bytes> = match (&buffer.uri, binary) {
             (Some(uri), _) => Some(resource(loader, scene, place, &format!("{field}.uri"), uri)?.bytes),
-            (None, Some(binary)) if index == 0 => Some(binary.into()),
+            (None, Some(binary)) if index == 0 => Some(scene.bytes.slice_ref(binary)),
             // A stand-in without content, for readers that do not decompress.
             (None, _) => None,
         };

@@ -349,7 +349,8 @@ impl SceneWriter<'_, '_, '_> {
     /// Adds triangles with their look at a place.
     fn shape(&mut self, parent: ObjectId, triangles: &Triangles, look: Look, to_world: &Value, name: &str) {
         let shape = self.draft.add(Kind::Shape, "mesh", Some(name), self.told.place());
-        self.draft.set(shape, "mesh", Value::Mesh(triangles.mesh.clone()));
+        self.draft
+            .set(shape, "mesh", Value::Mesh(triangles.mesh.clone().into()));
         if !triangles.has_normals {
             self.draft.set(shape, "face_normals", Value::Boolean(true));
             // Sides are told by the winding in the mesh's own space (section 3.7.4), and there in the world.

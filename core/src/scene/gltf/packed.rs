@@ -7,13 +7,13 @@ use super::accessor::{Component, width};
 use super::document::{BufferView, Document};
 use crate::scene::error::{Place, SceneError, shortened, within};
 use crate::scene::limits::Limits;
+use bytes::Bytes;
 use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute, PointIndex};
 use meshoptimizer_rs::{Error, Workspace, codec};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 const DRACO: &str = "KHR_draco_mesh_compression";
@@ -21,7 +21,7 @@ const DRACO: &str = "KHR_draco_mesh_compression";
 /// Unpacks what is compressed. `buffers` has the content of the document's buffers, as far as there is any.
 pub(super) fn unpack(
     document: &mut Document,
-    buffers: &mut Vec<Option<Arc<[u8]>>>,
+    buffers: &mut Vec<Option<Bytes>>,
     place: &Place,
     limits: &Limits,
 ) -> Result<(), SceneError> {
@@ -45,7 +45,7 @@ pub(super) fn unpack(
 
 struct Unpacking<'a> {
     document: &'a mut Document,
-    buffers: &'a mut Vec<Option<Arc<[u8]>>>,
+    buffers: &'a mut Vec<Option<Bytes>>,
     place: &'a Place,
     limits: &'a Limits,
     /// What has been unpacked so far [bytes].
@@ -110,7 +110,7 @@ impl Unpacking<'_> {
         offset: u64,
         length: u64,
         field: &str,
-    ) -> Result<(Arc<[u8]>, std::ops::Range<usize>), SceneError> {
+    ) -> Result<(Bytes, std::ops::Range<usize>), SceneError> {
         let Some(Some(content)) = self.buffers.get(buffer) else {
             return Err(self.wrong(field, format!("buffer {buffer} does not exist or has no content")));
         };
@@ -122,7 +122,7 @@ impl Unpacking<'_> {
             );
             return Err(self.wrong(field, reason));
         };
-        Ok((Arc::clone(content), offset as usize..end as usize))
+        Ok((content.clone(), offset as usize..end as usize))
     }
 
     /// A new buffer.

@@ -48,7 +48,7 @@ impl Described {
 
     fn mesh(&self, number: usize) -> Arc<RawMesh> {
         match &self.all(Kind::Shape)[number].properties["mesh"].value {
-            Value::Mesh(mesh) => mesh.clone(),
+            Value::Mesh(mesh) => mesh.get(),
             other => panic!("{other:?}"),
         }
     }

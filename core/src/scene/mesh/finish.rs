@@ -10,7 +10,7 @@ pub(crate) const LARGEST_COORDINATE: f32 = 1e9;
 /// Maps a mesh to the world, gives it normals, and turns its triangles' outer sides as Mitsuba has them.
 ///
 /// Vertices without a normal get the mean of the adjacent triangles' normals, weighted by the angle at the vertex
-/// (Thürmer and Wüthrich 1998). Vertex normals decide which side is the outer one; without them the winding does,
+/// (Thürmer and Wüthrich 1998), and +z where there is none. Vertex normals decide which side is the outer one; without them the winding does,
 /// as it is in the world. Triangles without area are left out. The attributes come back beside the mesh. Errors say what is wrong with the mesh.
 pub(crate) fn finish(
     raw: RawMesh,
@@ -18,7 +18,8 @@ pub(crate) fn finish(
     face_normals: bool,
     flip_normals: bool,
 ) -> Result<(TriangleMesh, Vec<RawAttribute>), String> {
-    let positions: Vec<Vec3> = raw.positions.iter().map(|p| to_world.point(*p)).collect();
+    let mut positions = raw.positions;
+    positions.iter_mut().for_each(|p| *p = to_world.point(*p));
     let too_far = |p: &Vec3| !p.is_finite() || p.abs().max_element() > LARGEST_COORDINATE;
     if let Some(vertex) = positions.iter().position(too_far) {
         let p = positions[vertex];
@@ -38,30 +39,32 @@ pub(crate) fn finish(
     }
     let mut normals = Vec::new();
     if !face_normals {
-        normals = raw.normals.iter().map(|n| to_world.normal(*n)).collect();
+        normals = raw.normals;
+        normals.iter_mut().for_each(|n| *n = to_world.normal(*n));
         normals.resize(positions.len(), Vec3::ZERO);
         if normals.contains(&Vec3::ZERO) {
-            let smooth = smooth_normals(&positions, &triangles);
-            for (normal, smooth) in normals.iter_mut().zip(smooth) {
-                *normal = if *normal == Vec3::ZERO { smooth } else { *normal };
-            }
+            let sums = normal_sums(&positions, &triangles);
+            let missing = normals
+                .iter_mut()
+                .zip(&sums)
+                .filter(|(normal, _)| **normal == Vec3::ZERO);
+            missing.for_each(|(normal, sum)| *normal = sum.normalize_or(DVec3::Z).as_vec3());
         }
     }
     if flip_normals {
         normals.iter_mut().for_each(|normal| *normal = -*normal);
     }
-    for triangle in &mut triangles {
-        let inward = match normals.is_empty() {
-            true => flip_normals,
-            false => {
-                let mean: Vec3 = triangle.iter().map(|vertex| normals[*vertex as usize]).sum();
-                mean.dot(area_vector(&positions, triangle)) < 0.0
-            }
-        };
-        if inward {
-            triangle.swap(1, 2);
+    let inward = |triangle: &[u32; 3]| match normals.is_empty() {
+        true => flip_normals,
+        false => {
+            let mean: Vec3 = triangle.iter().map(|vertex| normals[*vertex as usize]).sum();
+            mean.dot(area_vector(&positions, triangle)) < 0.0
         }
-    }
+    };
+    triangles
+        .iter_mut()
+        .filter(|triangle| inward(triangle))
+        .for_each(|triangle| triangle.swap(1, 2));
     let mesh = TriangleMesh {
         positions,
         normals,
@@ -77,8 +80,8 @@ fn area_vector(positions: &[Vec3], triangle: &[u32; 3]) -> Vec3 {
     (b - a).cross(c - a)
 }
 
-/// Vertex normals from triangles with an area; +z where no triangle meets or the normals cancel.
-fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
+/// Sums of the normals of the triangles that meet at each vertex, which have an area; zero where none meet or they cancel.
+fn normal_sums(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
     let mut sums = vec![DVec3::ZERO; positions.len()];
     for triangle in triangles {
         let corners = triangle.map(|vertex| positions[vertex as usize].as_dvec3());
@@ -91,7 +94,7 @@ fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
             sums[*vertex as usize] += normal * angle;
         }
     }
-    sums.iter().map(|sum| sum.normalize_or(DVec3::Z).as_vec3()).collect()
+    sums
 }
 
 #[cfg(test)]

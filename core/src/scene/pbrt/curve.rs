@@ -8,7 +8,6 @@ use crate::scene::error::{Place, SceneError, within};
 use crate::scene::mesh::{Tubes, b_spline_segments};
 use glam::{DMat4, DVec4};
 use std::rc::Rc;
-use std::sync::Arc;
 
 /// Curves that make one mesh.
 pub(super) struct Strands {
@@ -31,7 +30,7 @@ const CURVE: &str = "Shape \"curve\"";
 
 impl Reading<'_, '_> {
     /// Adds a curve to those before it, or begins a mesh.
-    pub(super) fn curve(&mut self, parameters: &Parameters) -> Result<(), SceneError> {
+    pub(super) fn curve(&mut self, parameters: &mut Parameters) -> Result<(), SceneError> {
         let Some(segments) = segments(parameters)? else {
             return Ok(());
         };
@@ -97,7 +96,7 @@ impl Reading<'_, '_> {
         }
         let shape = self.draft.add(Kind::Shape, "mesh", Some(CURVE), &place);
         self.set_to_world(shape, alike.to_world)?;
-        self.draft.set(shape, "mesh", Value::Mesh(Arc::new(mesh)));
+        self.draft.set(shape, "mesh", Value::Mesh(mesh.into()));
         self.draft.link(shape, None, alike.material);
         if let Some(light) = light {
             // The curves shine as one.
@@ -110,8 +109,8 @@ impl Reading<'_, '_> {
 }
 
 /// The cubic Bezier segments of a curve, whose fourth coordinate is the radius (`Curve::Create`).
-fn segments(parameters: &Parameters) -> Result<Option<Vec<[DVec4; 4]>>, SceneError> {
-    let points = parameters.vectors("P")?;
+fn segments(parameters: &mut Parameters) -> Result<Option<Vec<[DVec4; 4]>>, SceneError> {
+    let points = parameters.take_vectors("P")?;
     let degree = parameters.integer("degree")?.unwrap_or(3);
     let width = parameters.float_or("width", 1.0)?;
     let widths = [

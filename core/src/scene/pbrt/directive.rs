@@ -121,8 +121,8 @@ impl Reading<'_, '_> {
             }
             "Texture" => self.texture(&place, tokens),
             "Shape" => {
-                let (kind, parameters) = self.parameters(word, "shape", tokens)?;
-                self.shape(&kind, &parameters)
+                let (kind, mut parameters) = self.parameters(word, "shape", tokens)?;
+                self.shape(&kind, &mut parameters)
             }
             "LightSource" => {
                 let (kind, parameters) = self.parameters(word, "light", tokens)?;

@@ -7,6 +7,8 @@ use crate::math::Vec3;
 use crate::scene::error::{Place, SceneError, did_you_mean, list, shortened};
 use crate::scene::faults::Faults;
 use crate::scene::warning::Warnings;
+use bytemuck::Pod;
+use bytemuck::allocation::try_cast_vec;
 use glam::DVec3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -255,40 +257,53 @@ impl Parameters {
         Ok(None)
     }
 
-    pub(super) fn integers(&self, name: &str) -> Result<Option<&[i32]>, SceneError> {
-        match self.find(name) {
+    /// The values of the last parameter of the name, which has none afterwards: lists of large meshes are there once.
+    fn take(&mut self, name: &str) -> Option<Values> {
+        self.find(name)?;
+        match self.own.iter_mut().rfind(|parameter| parameter.name == name) {
+            Some(own) => Some(match Rc::get_mut(own) {
+                Some(own) => std::mem::replace(&mut own.values, Values::Texts(Vec::new())),
+                None => own.values.clone(),
+            }),
+            None => self.find(name).map(|parameter| parameter.values.clone()),
+        }
+    }
+
+    /// A list of indices, which can be taken once. Negative ones are far out of range.
+    pub(super) fn take_indices(&mut self, name: &str) -> Result<Option<Vec<u32>>, SceneError> {
+        match self.take(name) {
             None => Ok(None),
-            Some(Parameter {
-                values: Values::Integers(values),
-                ..
-            }) => Ok(Some(values)),
+            Some(Values::Integers(values)) => Ok(Some(bytemuck::cast_vec(values))),
             Some(_) => self.fault(name, "expected values of type \"integer\""),
         }
     }
 
-    /// Numbers in groups of `N`, in single precision.
-    pub(super) fn groups<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>, SceneError> {
-        let group = |values: &[f32]| -> [f32; N] { std::array::from_fn(|i| values[i]) };
-        let Some(parameter) = self.find(name) else {
-            return Ok(None);
+    /// Numbers in groups of `N`, in single precision, which can be taken once.
+    pub(super) fn take_groups<const N: usize>(&mut self, name: &str) -> Result<Option<Vec<[f32; N]>>, SceneError> {
+        let values = match self.take(name) {
+            None => return Ok(None),
+            Some(Values::Coordinates(values)) => values,
+            Some(Values::Numbers(values)) => values.iter().map(|value| *value as f32).collect(),
+            Some(_) => return self.fault(name, "expected numbers"),
         };
-        if !parameter.values.len().is_multiple_of(N) {
-            let reason = format!("{} numbers are no multiple of {N}", parameter.values.len());
-            return self.fault(name, reason);
-        }
-        match &parameter.values {
-            Values::Coordinates(values) => Ok(Some(values.chunks_exact(N).map(group).collect())),
-            Values::Numbers(values) => {
-                let values: Vec<f32> = values.iter().map(|value| *value as f32).collect();
-                Ok(Some(values.chunks_exact(N).map(group).collect()))
-            }
-            _ => self.fault(name, "expected numbers"),
+        match groups(values) {
+            Ok(groups) => Ok(Some(groups)),
+            Err(count) => self.fault(name, format!("{count} numbers are no multiple of {N}")),
         }
     }
 
-    /// Points, vectors or normals.
-    pub(super) fn vectors(&self, name: &str) -> Result<Vec<Vec3>, SceneError> {
-        let groups = self.groups::<3>(name)?.unwrap_or_default();
+    /// Points, vectors or normals, which can be taken once.
+    pub(super) fn take_vectors(&mut self, name: &str) -> Result<Vec<Vec3>, SceneError> {
+        let groups = self.take_groups::<3>(name)?.unwrap_or_default();
         Ok(groups.into_iter().map(Vec3::from_array).collect())
     }
+}
+
+/// The values in groups of `N`, in the same memory where it allows that. The error is the number of values, which is no multiple.
+pub(super) fn groups<T: Pod, const N: usize>(values: Vec<T>) -> Result<Vec<[T; N]>, usize> {
+    if !values.len().is_multiple_of(N) {
+        return Err(values.len());
+    }
+    let group = |values: &[T]| -> [T; N] { std::array::from_fn(|i| values[i]) };
+    Ok(try_cast_vec(values).unwrap_or_else(|(_, values)| values.chunks_exact(N).map(group).collect()))
 }

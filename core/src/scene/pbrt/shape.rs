@@ -5,7 +5,7 @@
 
 use super::Reading;
 use super::grid::add_bilinear;
-use super::parameter::Parameters;
+use super::parameter::{Parameters, groups};
 use super::subdivision::subdivide;
 use super::texture::Tint;
 use crate::math::{Vec2, Vec3};
@@ -13,7 +13,6 @@ use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError, within};
 use crate::scene::mesh::RawMesh;
 use glam::DMat4;
-use std::sync::Arc;
 
 const SHAPES: [&str; 8] = [
     "trianglemesh",
@@ -35,7 +34,7 @@ pub(super) struct Made {
 }
 
 impl Reading<'_, '_> {
-    pub(super) fn shape(&mut self, kind: &str, parameters: &Parameters) -> Result<(), SceneError> {
+    pub(super) fn shape(&mut self, kind: &str, parameters: &mut Parameters) -> Result<(), SceneError> {
         if kind == "curve" {
             return self.curve(parameters);
         }
@@ -146,7 +145,7 @@ impl Reading<'_, '_> {
         if mesh.normals.is_empty() {
             self.draft.set(shape, "face_normals", Value::Boolean(true));
         }
-        self.draft.set(shape, "mesh", Value::Mesh(Arc::new(mesh)));
+        self.draft.set(shape, "mesh", Value::Mesh(mesh.into()));
         Ok(Some(Made { object: shape, lights }))
     }
 
@@ -192,11 +191,11 @@ impl Reading<'_, '_> {
         false
     }
 
-    fn triangle_mesh(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
+    fn triangle_mesh(&mut self, parameters: &mut Parameters) -> Result<Option<Made>, SceneError> {
         let Some(mut mesh) = self.indexed(parameters, 3)? else {
             return Ok(None);
         };
-        mesh.mesh.triangles = mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+        mesh.mesh.triangles = groups(mesh.indices).expect("there are three for each triangle");
         parameters.ignore(&["S", "faceIndices"]);
         let flip = match mesh.mesh.normals.is_empty() {
             true => self.turned(),
@@ -207,13 +206,13 @@ impl Reading<'_, '_> {
     }
 
     /// The vertices of a mesh and its indices, `corners` for each face. A single face needs no indices.
-    fn indexed(&self, parameters: &Parameters, corners: usize) -> Result<Option<Indexed>, SceneError> {
-        let positions = parameters.vectors("P")?;
+    fn indexed(&self, parameters: &mut Parameters, corners: usize) -> Result<Option<Indexed>, SceneError> {
+        let positions = parameters.take_vectors("P")?;
         if positions.is_empty() {
             return parameters.fault("P", "it is missing");
         }
-        let indices = match parameters.integers("indices")? {
-            Some(indices) => indices.iter().map(|index| *index as u32).collect(),
+        let indices = match parameters.take_indices("indices")? {
+            Some(indices) => indices,
             None if positions.len() == corners => (0..corners as u32).collect::<Vec<u32>>(),
             None => return parameters.fault("indices", "it is missing"),
         };
@@ -235,12 +234,12 @@ impl Reading<'_, '_> {
             positions,
             ..RawMesh::default()
         };
-        mesh.normals = parameters.vectors("N")?;
+        mesh.normals = parameters.take_vectors("N")?;
         mesh.normals
             .iter_mut()
             .for_each(|normal| *normal = normal.normalize_or(Vec3::ZERO));
         let uv = if parameters.has("uv") { "uv" } else { "st" };
-        let uvs = parameters.groups::<2>(uv)?.unwrap_or_default();
+        let uvs = parameters.take_groups::<2>(uv)?.unwrap_or_default();
         mesh.uvs = uvs.into_iter().map(Vec2::from_array).collect();
         for (name, count) in [("N", mesh.normals.len()), (uv, mesh.uvs.len())] {
             if count != 0 && count != mesh.positions.len() {
@@ -281,7 +280,7 @@ impl Reading<'_, '_> {
         Ok(Some(Made { object: shape, lights }))
     }
 
-    fn bilinear_mesh(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
+    fn bilinear_mesh(&mut self, parameters: &mut Parameters) -> Result<Option<Made>, SceneError> {
         let Some(Indexed { mesh: given, indices }) = self.indexed(parameters, 4)? else {
             return Ok(None);
         };
@@ -330,8 +329,8 @@ impl Reading<'_, '_> {
     }
 
     /// The unit square raised by heights, of which a row runs along x.
-    fn height_field(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
-        let heights = parameters.groups::<1>("Pz")?.unwrap_or_default();
+    fn height_field(&mut self, parameters: &mut Parameters) -> Result<Option<Made>, SceneError> {
+        let heights = parameters.take_groups::<1>("Pz")?.unwrap_or_default();
         let [columns, rows] =
             [parameters.integer("nu")?, parameters.integer("nv")?].map(|side| side.unwrap_or(0).max(0));
         let (columns, rows) = (columns as usize, rows as usize);
@@ -356,14 +355,14 @@ impl Reading<'_, '_> {
         self.add_mesh(parameters, mesh, self.turned())
     }
 
-    fn loop_subdivision(&mut self, parameters: &Parameters) -> Result<Option<Made>, SceneError> {
+    fn loop_subdivision(&mut self, parameters: &mut Parameters) -> Result<Option<Made>, SceneError> {
         let Some(Indexed { mesh: given, indices }) = self.indexed(parameters, 3)? else {
             return Ok(None);
         };
         let levels = if parameters.has("levels") { "levels" } else { "nlevels" };
         let levels = parameters.integer(levels)?.unwrap_or(3).clamp(0, 16) as u32;
         parameters.ignore(&["scheme"]);
-        let triangles: Vec<[u32; 3]> = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+        let triangles = groups(indices).expect("there are three for each triangle");
         let refined = (triangles.len() as u64).saturating_mul(1 << (2 * levels));
         let what = "number of triangles after subdivision";
         within(&parameters.place, what, refined, self.loader.limits.triangles)?;

@@ -42,7 +42,7 @@ impl Type {
 }
 
 /// The values of a parameter.
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Values {
     Numbers(Vec<f64>),
     /// Of long lists of coordinates, which end up in single precision.
@@ -156,10 +156,12 @@ fn values(tokens: &mut Tokens, kind: Option<Type>, name: &str) -> Result<Values,
             let mut found = Vec::new();
             let mut broken = None;
             let mut add = |found: &mut Vec<i32>, value: f64| {
-                if value.fract() != 0.0 || value.abs() > f64::from(i32::MAX) {
+                // Beyond the range, `as` gives its end.
+                let integer = value as i32;
+                if f64::from(integer) != value || integer == i32::MIN {
                     broken = Some(value);
                 }
-                found.push(value as i32);
+                found.push(integer);
             };
             match listed {
                 true => {

@@ -4,7 +4,7 @@ use super::super::MeshFile;
 use super::header::{Element, Encoding, LineEnd, Property, Scalar};
 use crate::scene::error::SceneError;
 use crate::scene::faults::FileFaults;
-use crate::scene::text::digits;
+use crate::scene::number::{leading_digits, leading_f32, leading_f64};
 
 pub(super) struct Body<'a, 'f> {
     pub(super) file: &'a MeshFile<'f>,
@@ -173,6 +173,30 @@ impl<'a> Body<'a, '_> {
         Ok(())
     }
 
+    /// Reads the triangles that come next, at most `most`, and returns how many there are. The first record of another kind ends them, and so
+    /// does a layout that few files have.
+    pub(super) fn triangles(&mut self, layout: &ListLayout, most: u64, triangles: &mut Vec<[u32; 3]>) -> u64 {
+        let largest = match layout.scalar {
+            Scalar::I32 => i32::MAX as u32,
+            Scalar::U32 => u32::MAX,
+            _ => return 0,
+        };
+        if self.encoding != Encoding::LittleEndian || layout.length.size() != 1 {
+            return 0;
+        }
+        let size = layout.before + 13 + layout.after;
+        let triangle = |record: &[u8]| {
+            let list = &record[layout.before..layout.before + 13];
+            let corners = [1, 5, 9].map(|at| u32::from_le_bytes(ordered(&list[at..], false)));
+            (list[0] == 3 && corners.iter().all(|corner| *corner <= largest)).then_some(corners)
+        };
+        let before = triangles.len();
+        triangles.extend(self.rest.chunks_exact(size).take(most as usize).map_while(triangle));
+        let found = triangles.len() - before;
+        self.rest = &self.rest[found * size..];
+        found as u64
+    }
+
     fn text_number(&mut self, scalar: Scalar) -> Result<Result<f64, String>, SceneError> {
         let last = self.line_end.last_byte();
         let start = self.rest.iter().position(|byte| {
@@ -185,11 +209,19 @@ impl<'a> Body<'a, '_> {
             return Err(self.broken("the file ends too early"));
         };
         let word = &self.rest[start..];
+        let short = match scalar {
+            Scalar::F32 => leading_f32(word).map(|(number, length)| (f64::from(number), length)),
+            Scalar::F64 => leading_f64(word),
+            _ => leading_digits(word).map(|(number, length)| (f64::from(number), length)),
+        };
+        if let Some((number, length)) = short
+            && word.get(length).is_none_or(u8::is_ascii_whitespace)
+        {
+            self.rest = &word[length..];
+            return Ok(Ok(number));
+        }
         let end = word.iter().position(u8::is_ascii_whitespace).unwrap_or(word.len());
         self.rest = &word[end..];
-        if let Some(number) = digits(&word[..end]) {
-            return Ok(Ok(f64::from(number)));
-        }
         let text = std::str::from_utf8(&word[..end]).unwrap_or("?");
         let number = match scalar {
             Scalar::F32 => text.parse::<f32>().ok().map(f64::from),
@@ -210,6 +242,19 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
+    /// Some properties of all records, in single precision.
+    pub(super) fn groups<const N: usize>(&self, columns: [usize; N]) -> impl Iterator<Item = [f32; N]> {
+        let places = columns.map(|column| self.columns[column]);
+        // Most files have these.
+        let plain = !self.big_endian && places.iter().all(|(_, scalar)| *scalar == Scalar::F32);
+        self.bytes.chunks_exact(self.stride).map(move |record| {
+            places.map(|(at, scalar)| match plain {
+                true => f32::from_le_bytes(ordered(&record[at..], false)),
+                false => binary_number(scalar, &record[at..], self.big_endian) as f32,
+            })
+        })
+    }
+
     /// A property of a record.
     pub(super) fn number(&self, record: usize, column: usize) -> f64 {
         let (offset, scalar) = self.columns[column];

@@ -45,8 +45,12 @@ pub(super) fn read(file: &MeshFile, flip_v: bool, faults: &mut FileFaults) -> Re
         return Err(file.broken(0, "the file has no vertices"));
     }
     let count = mesh.positions.len() as u32;
-    let beyond = mesh.triangles.iter().flatten().filter(|index| **index >= count);
-    for bad in beyond.collect::<BTreeSet<_>>() {
+    let corners = || mesh.triangles.iter().flatten();
+    let beyond = match corners().max() {
+        Some(largest) if *largest >= count => corners().filter(|index| **index >= count).collect(),
+        _ => BTreeSet::new(),
+    };
+    for bad in beyond {
         let reason = format!("vertex index {bad} is out of range: the file has {count} vertices");
         body.faults.note(file.broken(0, reason))?;
     }
@@ -62,12 +66,8 @@ fn vertices(body: &mut Body, element: &Element, flip_v: bool, mesh: &mut RawMesh
         columns(element, ["x", "y", "z"]).ok_or_else(|| body.broken("vertices have no properties x, y and z"))?;
     let normal = columns(element, ["nx", "ny", "nz"]);
     let uv = columns(element, ["u", "v"]).or_else(|| columns(element, ["s", "t"]));
-    mesh.positions.reserve_exact(count);
-    mesh.normals.reserve_exact(if normal.is_some() { count } else { 0 });
-    mesh.uvs.reserve_exact(if uv.is_some() { count } else { 0 });
     let asked = attributes(body.file, element, "vertex_");
     let mut values = vec![Vec::new(); asked.len()];
-    let mut row = vec![0.0_f32; element.properties.len()];
     let used: BTreeSet<usize> = place
         .into_iter()
         .chain(normal.into_iter().flatten())
@@ -75,41 +75,72 @@ fn vertices(body: &mut Body, element: &Element, flip_v: bool, mesh: &mut RawMesh
         .chain(asked.iter().flat_map(|attribute| attribute.columns.iter().copied()))
         .collect();
     let used = Vec::from_iter(used);
-    let rows = body.rows(element)?;
-    for index in 0..count {
-        match &rows {
-            Some(rows) => used
-                .iter()
-                .for_each(|column| row[*column] = rows.number(index, *column) as f32),
-            None => {
-                let store = |column: usize, number: f64| {
-                    row[column] = number as f32;
-                    Ok(())
-                };
-                body.record(element, store, |_, _| Ok(()))?;
+    let mut row = vec![0.0_f32; element.properties.len()];
+    if let Some(rows) = body.rows(element)? {
+        mesh.positions = rows.groups(place).map(Vec3::from_array).collect();
+        mesh.normals = normal.map_or(Vec::new(), |normal| rows.groups(normal).map(Vec3::from_array).collect());
+        mesh.uvs = uv.map_or(Vec::new(), |uv| rows.groups(uv).map(Vec2::from_array).collect());
+        let finite = mesh
+            .positions
+            .iter()
+            .chain(&mesh.normals)
+            .all(|vector| vector.is_finite())
+            && mesh.uvs.iter().all(|uv| uv.is_finite());
+        if !finite || !asked.is_empty() {
+            for index in 0..count {
+                used.iter()
+                    .for_each(|column| row[*column] = rows.number(index, *column) as f32);
+                note_infinite(body, element, index, &used, &row)?;
+                for (values, attribute) in values.iter_mut().zip(&asked) {
+                    values.push(attribute.value(&row));
+                }
             }
         }
-        for column in used.iter().filter(|column| !row[**column].is_finite()) {
-            let (name, number) = (&element.properties[*column].name, row[*column]);
-            body.note(Err(format!(
-                "vertex {index}: `{name}` is {number}, not a finite number"
-            )))?;
-        }
-        mesh.positions.push(Vec3::from_array(place.map(|column| row[column])));
-        if let Some(normal) = normal {
-            // A normal without direction is a missing one.
-            let normal = Vec3::from_array(normal.map(|column| row[column]));
-            mesh.normals.push(normal.normalize_or_zero());
-        }
-        if let Some([u, v]) = uv {
-            mesh.uvs
-                .push(Vec2::new(row[u], if flip_v { 1.0 - row[v] } else { row[v] }));
-        }
-        for (values, attribute) in values.iter_mut().zip(&asked) {
-            values.push(attribute.value(&row));
+    } else {
+        mesh.positions.reserve_exact(count);
+        mesh.normals.reserve_exact(if normal.is_some() { count } else { 0 });
+        mesh.uvs.reserve_exact(if uv.is_some() { count } else { 0 });
+        for index in 0..count {
+            let store = |column: usize, number: f64| {
+                row[column] = number as f32;
+                Ok(())
+            };
+            body.record(element, store, |_, _| Ok(()))?;
+            note_infinite(body, element, index, &used, &row)?;
+            mesh.positions.push(Vec3::from_array(place.map(|column| row[column])));
+            let normal = normal.map(|normal| Vec3::from_array(normal.map(|column| row[column])));
+            mesh.normals.extend(normal);
+            mesh.uvs.extend(uv.map(|[u, v]| Vec2::new(row[u], row[v])));
+            for (values, attribute) in values.iter_mut().zip(&asked) {
+                values.push(attribute.value(&row));
+            }
         }
     }
+    // A normal without direction is a missing one.
+    mesh.normals
+        .iter_mut()
+        .for_each(|normal| *normal = normal.normalize_or_zero());
+    if flip_v {
+        mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    }
     keep(mesh, asked, values, false);
+    Ok(())
+}
+
+/// Notes the numbers of a vertex that are not finite.
+fn note_infinite(
+    body: &mut Body,
+    element: &Element,
+    vertex: usize,
+    used: &[usize],
+    row: &[f32],
+) -> Result<(), SceneError> {
+    for column in used.iter().filter(|column| !row[**column].is_finite()) {
+        let (name, number) = (&element.properties[*column].name, row[*column]);
+        body.note(Err(format!(
+            "vertex {vertex}: `{name}` is {number}, not a finite number"
+        )))?;
+    }
     Ok(())
 }
 
@@ -126,7 +157,12 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut RawMesh) -> Result<(), S
     mesh.triangles.reserve_exact(element.count as usize);
     // Where no attribute is asked for, lists of a binary file are read without what is beside them.
     let layout = body.list_layout(element, list).filter(|_| asked.is_empty());
-    for index in 0..element.count {
+    let mut faces = 0..element.count;
+    loop {
+        if let Some(layout) = &layout {
+            faces.start += body.triangles(layout, faces.end - faces.start, &mut mesh.triangles);
+        }
+        let Some(index) = faces.next() else { break };
         polygon.clear();
         corners.clear();
         if let Some(layout) = &layout {

@@ -376,7 +376,7 @@ fn meshes_in_the_file() {
     let mesh = |shape: &str| {
         let described = describe(&format!("WorldBegin Shape {shape}"));
         match described.the(Kind::Shape, "mesh").value("mesh") {
-            Value::Mesh(mesh) => (**mesh).clone(),
+            Value::Mesh(mesh) => mesh.get(),
             other => panic!("{other:?}"),
         }
     };
@@ -459,7 +459,7 @@ fn curves_are_tubes() {
         .iter()
         .filter_map(
             |object| match object.properties.get("mesh").map(|property| &property.value) {
-                Some(Value::Mesh(mesh)) => Some(&**mesh),
+                Some(Value::Mesh(mesh)) => Some(mesh.get()),
                 _ => None,
             },
         )
@@ -477,9 +477,9 @@ fn curves_are_tubes() {
         );
     };
     // The first two, of half the width, which sinks to a tenth of it.
-    reach(meshes[0], 0.049..=0.2505, [0.0, 3.0]);
-    reach(meshes[1], 0.499..=0.501, [0.0, 2.0]);
-    reach(meshes[2], 0.499..=0.501, [3.0, 9.0]);
+    reach(&meshes[0], 0.049..=0.2505, [0.0, 3.0]);
+    reach(&meshes[1], 0.499..=0.501, [0.0, 2.0]);
+    reach(&meshes[2], 0.499..=0.501, [3.0, 9.0]);
     let flat = describe_with("WorldBegin Shape \"curve\" \"point3 P\" [0 0 0 0 0 1 0 0 2 0 0 3]", &[]).1;
     assert!(flat.len() == 1 && flat[0].contains("rendered as tubes"), "{flat:?}");
     let lit = describe(&format!(
@@ -498,6 +498,7 @@ fn textured_spheres_are_meshes_with_the_coordinates_of_pbrt() {
     let Value::Mesh(mesh) = described.the(Kind::Shape, "mesh").value("mesh") else {
         panic!("a mesh");
     };
+    let mesh = mesh.get();
     for (p, uv) in mesh.positions.iter().zip(&mesh.uvs) {
         // v goes from the lower pole up, u from +x towards +y.
         let z = -f64::from(uv.y * std::f32::consts::PI).cos();
