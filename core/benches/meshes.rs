@@ -5,6 +5,7 @@
 //! `divan` prints bytes per second of one thread and the most memory that was taken besides the file. Each scene names a file that is not there after its mesh, so that
 //! loading ends before the hierarchy is built. The mesh is a square of triangles, as many as the environment variable `TRIANGLES` says.
 
+use bytes::Bytes;
 use divan::counter::BytesCount;
 use divan::{AllocProfiler, Bencher};
 use photonfarm_core::scene::{Limits, Scene};
@@ -37,7 +38,7 @@ fn square() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
 }
 
 /// A scene of the mesh in a format, its main file and the bytes that are read.
-fn scene(format: &str) -> (BTreeMap<String, Vec<u8>>, String, usize) {
+fn scene(format: &str) -> (BTreeMap<String, Bytes>, String, usize) {
     let (vertices, triangles) = square();
     let mut text = String::new();
     let lines = |text: &mut String, before: &str, rows: &mut dyn Iterator<Item = [String; 3]>| {
@@ -85,7 +86,7 @@ fn scene(format: &str) -> (BTreeMap<String, Vec<u8>>, String, usize) {
     }
     bytes.extend(text.into_bytes());
     let (length, main) = (bytes.len(), if format == "pbrt" { "mesh.pbrt" } else { "scene.xml" });
-    let mut files = BTreeMap::from([(format!("mesh.{format}"), bytes)]);
+    let mut files = BTreeMap::from([(format!("mesh.{format}"), bytes.into())]);
     if main == "scene.xml" {
         let plugin = if format == "obj" { "obj" } else { "ply" };
         let shape = |file: &str| {
@@ -99,7 +100,7 @@ fn scene(format: &str) -> (BTreeMap<String, Vec<u8>>, String, usize) {
             shape(&format!("mesh.{format}")),
             shape("missing")
         );
-        files.insert(main.to_owned(), xml.into_bytes());
+        files.insert(main.to_owned(), xml.into());
     }
     (files, main.to_owned(), length)
 }

@@ -99,6 +99,22 @@ fn a_scene_is_checked_without_being_rendered() {
     );
 }
 
+/// `--frame` is the definition of that name, which is not to be given twice.
+#[test]
+fn an_animated_scene_is_seen_at_a_frame() {
+    let arm = scene("gltf/arm.glb");
+    let bounds = |options: &[&str]| {
+        let output = photonfarm(&[&["check", text(&arm), "--json"], options].concat());
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        report["bounds"].clone()
+    };
+    let moved = bounds(&["--frame", "6.5"]);
+    assert_eq!(moved, bounds(&["-D", "frame=6.5"]));
+    assert_ne!(moved, bounds(&[]));
+    let twice = refusal(&["check", text(&arm), "--frame", "-1", "-D", "frame=2"]);
+    assert!(twice.contains("frame is given twice"), "{twice}");
+}
+
 #[test]
 fn bad_scenes_and_settings_leave_the_old_picture() {
     let folder = tempfile::tempdir().unwrap();

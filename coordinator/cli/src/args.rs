@@ -420,6 +420,9 @@ pub(crate) struct JobArgs {
     /// Give a value to a <default> parameter of the scene (repeatable)
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = pair)]
     pub(crate) define: Vec<(String, String)>,
+    /// Frame of an animated scene of glTF, whole or between two: the same as -D frame=N
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) frame: Option<f64>,
     /// Sensor to see the scene through, by its id or its number from 1 [default: the first]
     #[arg(long, value_name = "N|ID")]
     pub(crate) sensor: Option<String>,
@@ -433,7 +436,7 @@ pub(crate) struct JobArgs {
     pub(crate) verbose: bool,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
-    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "sensor", "set"])]
+    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "frame", "sensor", "set"])]
     pub(crate) from: Option<PathBuf>,
 }
 

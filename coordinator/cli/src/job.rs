@@ -52,7 +52,11 @@ impl PreparedJob {
         let old = args.from.as_deref().map(OldPicture::read).transpose()?;
         let defines = match &old {
             Some(old) => old.metadata.defines.clone(),
-            None => unique("-D", &args.define)?,
+            None => {
+                let frame = args.frame.map(|frame| ("frame".to_owned(), frame.to_string()));
+                let given: Vec<_> = args.define.iter().cloned().chain(frame).collect();
+                unique("-D", &given)?
+            }
         };
         let set = unique("--set", &args.set)?;
         let (folder, main) = split(&args.scene)?;
