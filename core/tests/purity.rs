@@ -3,8 +3,10 @@
 mod scenes;
 
 use photonfarm_core::integrator::{INTEGRATORS, Unobserved, render_iteration, render_next};
-use photonfarm_core::scene::Scene;
+use photonfarm_core::scene::{Limits, Scene};
 use photonfarm_core::settings::{IntegratorSettings, LookupVertex, PcfSettings, PppmSettings, SppmSettings};
+use photonfarm_core::spectrum::Spectrum;
+use std::collections::BTreeMap;
 
 /// Pixels across and down.
 const SIZE: u32 = 24;
@@ -42,6 +44,22 @@ fn every_integrator_has_the_same_bits_with_any_number_of_threads() {
         let photons = integrator.setting("photons");
         let given = photons.map(|setting| (setting.name.to_owned(), 30_000.into()));
         check(&integrator.read(given.into_iter().collect()).unwrap());
+    }
+}
+
+/// A sky without anything below it is the same in every pixel.
+#[test]
+fn a_sky_alone_is_rendered_by_every_integrator() {
+    let xml = "<scene version='3.0.0'><sensor type='perspective'><film type='hdrfilm'><integer name='width' value='8'/>\
+        <integer name='height' value='8'/></film></sensor>\
+        <emitter type='constant'><rgb name='radiance' value='0.5'/></emitter></scene>";
+    let files = BTreeMap::from([("sky.xml".to_owned(), xml.as_bytes().to_vec())]);
+    let scene = Scene::load(&files, "sky.xml", &BTreeMap::new(), &Limits::default()).unwrap();
+    for integrator in INTEGRATORS {
+        let settings = integrator.read(Default::default()).unwrap();
+        let pixels = render_next(&scene, &settings, 1, 1, &[], &Unobserved).unwrap().pixels;
+        let even = |pixel: &Spectrum| pixel.to_rgb().iter().all(|value| (value - 0.5).abs() < 1e-6);
+        assert!(pixels.iter().all(even), "{}: {:?}", integrator.name, pixels[0]);
     }
 }
 

@@ -88,7 +88,9 @@ fn automatic_sigma1(scene: &Scene, photons: u32) -> f32 {
     let footprint = footprints.get(footprints.len() / 2).copied().unwrap_or(nothing_seen);
     let pixels = width as f32 * height as f32;
     let discs = (RECORDS_IN_FIRST_DISC * pixels / (std::f32::consts::PI * photons as f32)).sqrt();
-    footprint * discs.max(1.0)
+    let sigma1 = footprint * discs.max(1.0);
+    // A scene without shapes has no size, and no photon to count.
+    if sigma1 > 0.0 { sigma1 } else { 1.0 }
 }
 
 /// Length of the path that begins with a ray of the camera to the first surface that is not specular or glossy.

@@ -255,7 +255,7 @@ mod tests {
     fn file(text: &str) -> LoadedFile {
         LoadedFile {
             name: "lamp.ies".into(),
-            bytes: text.as_bytes().into(),
+            bytes: text.to_owned().into(),
         }
     }
 

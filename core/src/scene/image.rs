@@ -224,7 +224,7 @@ mod tests {
     fn file(name: &str, bytes: &[u8]) -> LoadedFile {
         LoadedFile {
             name: name.into(),
-            bytes: bytes.into(),
+            bytes: bytes.to_vec().into(),
         }
     }
 

@@ -23,7 +23,7 @@ struct Decimal {
 
 impl Decimal {
     /// The number at the start of `text`; what follows it is not looked at.
-    #[inline]
+    #[inline(always)]
     fn leading(text: &[u8]) -> Option<Self> {
         let negative = text.first() == Some(&b'-');
         let mut at = usize::from(negative || text.first() == Some(&b'+'));
@@ -70,7 +70,7 @@ impl Decimal {
     }
 
     /// The number, where one operation gives it correctly rounded to double precision.
-    #[inline]
+    #[inline(always)]
     fn exact(&self) -> Option<f64> {
         let power = EXACT_POWERS.get(self.exponent.unsigned_abs() as usize)?;
         if self.count > 19 || self.digits > 1 << 53 {
@@ -99,7 +99,7 @@ fn scan(text: &[u8], at: &mut usize, mut add: impl FnMut(u64)) {
 
 /// The number of one to nine digits at the start of `text`, as most indices of meshes are, and its length; `None` where there are none,
 /// or more.
-#[inline]
+#[inline(always)]
 pub(super) fn leading_digits(text: &[u8]) -> Option<(u32, usize)> {
     let (mut number, mut at) = (0_u64, 0);
     scan(&text[..text.len().min(10)], &mut at, |digit| {
@@ -109,7 +109,7 @@ pub(super) fn leading_digits(text: &[u8]) -> Option<(u32, usize)> {
 }
 
 /// The number at the start of `text`, correctly rounded to double precision, and its length; `None` where there is none.
-#[inline]
+#[inline(always)]
 pub(super) fn leading_f64(text: &[u8]) -> Option<(f64, usize)> {
     let decimal = Decimal::leading(text)?;
     let value = match decimal.exact() {
@@ -120,7 +120,7 @@ pub(super) fn leading_f64(text: &[u8]) -> Option<(f64, usize)> {
 }
 
 /// As [`leading_f64`], correctly rounded to single precision.
-#[inline]
+#[inline(always)]
 pub(super) fn leading_f32(text: &[u8]) -> Option<(f32, usize)> {
     let decimal = Decimal::leading(text)?;
     let value = match decimal.exact().filter(|value| rounds_once(*value)) {
@@ -133,7 +133,7 @@ pub(super) fn leading_f32(text: &[u8]) -> Option<(f32, usize)> {
 /// Whether rounding to single precision gives what rounding the written number at once would give. Rounding keeps the order of
 /// numbers, so the two differ only where `value` lies halfway between two numbers of single precision. Of these, the ones below
 /// the normal range lie closer together; all that is there is left to the standard library.
-#[inline]
+#[inline(always)]
 fn rounds_once(value: f64) -> bool {
     const DROPPED: u64 = (1 << 29) - 1;
     let size = value.abs();

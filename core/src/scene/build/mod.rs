@@ -258,7 +258,8 @@ impl<'b, 'f> Builder<'b, 'f> {
         wishes: Wishes,
         contents: SceneContents,
     ) -> Result<Scene, SceneError> {
-        if self.shapes.is_empty() {
+        // A sky alone is a picture.
+        if self.shapes.is_empty() && (self.lights.is_empty() || view.is_none()) {
             return Err(missing(place, "a <shape> (the scene is empty)"));
         }
         if self.lights.is_empty() {

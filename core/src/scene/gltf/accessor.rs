@@ -14,6 +14,24 @@ pub(super) struct Accessors<'a> {
     limits: &'a Limits,
 }
 
+/// Part of a buffer. The error says what is wrong with it.
+pub(super) fn part(buffers: &[Option<Bytes>], buffer: usize, offset: u64, length: u64) -> Result<Bytes, String> {
+    let count = buffers.len();
+    let content = buffers
+        .get(buffer)
+        .ok_or_else(|| format!("there is no buffer {buffer}; the file has {count}"))?;
+    let content = content
+        .as_ref()
+        .ok_or_else(|| format!("buffer {buffer} has no content: no URI and no chunk of a GLB"))?;
+    match offset.checked_add(length).filter(|end| *end <= content.len() as u64) {
+        Some(end) => Ok(content.slice(offset as usize..end as usize)),
+        None => Err(format!(
+            "bytes {offset} and {length} more reach beyond the buffer's {}",
+            content.len()
+        )),
+    }
+}
+
 /// Component types, as in OpenGL.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Component {
@@ -91,15 +109,15 @@ pub(super) fn width(kind: &str) -> Option<usize> {
 }
 
 /// Elements that lie at even distances in bytes.
-struct Elements<'a> {
-    bytes: &'a [u8],
+struct Elements {
+    bytes: Bytes,
     stride: usize,
     component: Component,
     width: usize,
     normalized: bool,
 }
 
-impl Elements<'_> {
+impl Elements {
     /// Calls `each` with the numbers of element `index`, which lies within the bytes.
     fn numbers(&self, index: usize) -> impl Iterator<Item = f64> {
         let begin = index * self.stride;
@@ -146,7 +164,7 @@ impl<'a> Accessors<'a> {
     }
 
     /// The bytes of a buffer view.
-    pub(super) fn view(&self, index: usize, used: &str) -> Result<&[u8], SceneError> {
+    pub(super) fn view(&self, index: usize, used: &str) -> Result<Bytes, SceneError> {
         let views = &self.document.buffer_views;
         let view = views.get(index).ok_or_else(|| {
             self.wrong(
@@ -154,33 +172,8 @@ impl<'a> Accessors<'a> {
                 format!("there is no buffer view {index}; the file has {}", views.len()),
             )
         })?;
-        let field = format!("bufferViews[{index}]");
-        let buffer = self.buffers.get(view.buffer).ok_or_else(|| {
-            let reason = format!(
-                "there is no buffer {}; the file has {}",
-                view.buffer,
-                self.buffers.len()
-            );
-            self.wrong(format!("{field}.buffer"), reason)
-        })?;
-        let Some(buffer) = buffer else {
-            let reason = format!("buffer {} has no content: no URI and no chunk of a GLB", view.buffer);
-            return Err(self.wrong(format!("{field}.buffer"), reason));
-        };
-        let begin = usize::try_from(view.byte_offset).ok();
-        let range = begin.and_then(|begin| {
-            let end = begin.checked_add(usize::try_from(view.byte_length).ok()?)?;
-            buffer.get(begin..end)
-        });
-        range.ok_or_else(|| {
-            let reason = format!(
-                "bytes {} and {} more reach beyond the buffer's {}",
-                view.byte_offset,
-                view.byte_length,
-                buffer.len()
-            );
-            self.wrong(field, reason)
-        })
+        part(&self.buffers, view.buffer, view.byte_offset, view.byte_length)
+            .map_err(|reason| self.wrong(format!("bufferViews[{index}]"), reason))
     }
 
     pub(super) fn unsupported(&self, context: String, what: &str, instead: &str) -> SceneError {
@@ -200,7 +193,7 @@ impl<'a> Accessors<'a> {
         normalized: bool,
         count: u64,
         field: &str,
-    ) -> Result<Elements<'_>, SceneError> {
+    ) -> Result<Elements, SceneError> {
         let bytes = self.view(view, field)?;
         let size = (component.bytes() * width) as u64;
         let stride = self.document.buffer_views[view].byte_stride.unwrap_or(size).max(1);
@@ -209,7 +202,9 @@ impl<'a> Accessors<'a> {
             _ => (count - 1).checked_mul(stride).and_then(|all| all.checked_add(size)),
         };
         let begin = usize::try_from(offset).ok();
-        let part = begin.and_then(|begin| bytes.get(begin..));
+        let part = begin
+            .filter(|begin| *begin <= bytes.len())
+            .map(|begin| bytes.slice(begin..));
         match (part, needed) {
             (Some(part), Some(needed)) if needed <= part.len() as u64 => Ok(Elements {
                 bytes: part,

@@ -121,7 +121,7 @@ pub(super) fn resource(
     let name = format!("{}#{field}", scene.name);
     Ok(LoadedFile {
         name,
-        bytes: bytes.into(),
+        bytes: bytes.to_vec().into(),
     })
 }
 

@@ -3,7 +3,7 @@
 //! They are unpacked before anything else reads the file: a buffer view, or an accessor, gets a buffer of its own with the plain bytes, and all that
 //! follows sees a file without compression. What has its data without compression beside it is left as it is.
 
-use super::accessor::{Component, width};
+use super::accessor::{Component, part, width};
 use super::document::{BufferView, Document};
 use crate::scene::error::{Place, SceneError, shortened, within};
 use crate::scene::limits::Limits;
@@ -103,26 +103,9 @@ impl Unpacking<'_> {
         self.buffers.get(buffer).is_some_and(Option::is_some)
     }
 
-    /// Bytes of a buffer.
-    fn range(
-        &self,
-        buffer: usize,
-        offset: u64,
-        length: u64,
-        field: &str,
-    ) -> Result<(Bytes, std::ops::Range<usize>), SceneError> {
-        let Some(Some(content)) = self.buffers.get(buffer) else {
-            return Err(self.wrong(field, format!("buffer {buffer} does not exist or has no content")));
-        };
-        let end = offset.checked_add(length).filter(|end| *end <= content.len() as u64);
-        let Some(end) = end else {
-            let reason = format!(
-                "bytes {offset} and {length} more reach beyond the buffer's {}",
-                content.len()
-            );
-            return Err(self.wrong(field, reason));
-        };
-        Ok((content.clone(), offset as usize..end as usize))
+    /// Part of a buffer.
+    fn part(&self, buffer: usize, offset: u64, length: u64, field: &str) -> Result<Bytes, SceneError> {
+        part(self.buffers, buffer, offset, length).map_err(|reason| self.wrong(field, reason))
     }
 
     /// A new buffer.
@@ -141,9 +124,9 @@ impl Unpacking<'_> {
         };
         let field = format!("bufferViews[{index}].{name}");
         let packed: PackedView = self.parse(&field, extension)?;
-        let (content, range) = self.range(packed.buffer, packed.byte_offset, packed.byte_length, &field)?;
+        let content = self.part(packed.buffer, packed.byte_offset, packed.byte_length, &field)?;
         self.take(&field, packed.count.saturating_mul(packed.byte_stride))?;
-        let bytes = unpacked(&packed, &content[range]).map_err(|reason| self.wrong(&field, reason))?;
+        let bytes = unpacked(&packed, &content).map_err(|reason| self.wrong(&field, reason))?;
         let (byte_length, buffer) = (bytes.len() as u64, self.add_buffer(bytes));
         self.document.buffer_views[index] = BufferView {
             buffer,
@@ -196,13 +179,13 @@ impl Unpacking<'_> {
         let Some(view) = self.document.buffer_views.get(packed.buffer_view) else {
             return Err(self.wrong(&field, format!("there is no buffer view {}", packed.buffer_view)));
         };
-        let (content, range) = self.range(view.buffer, view.byte_offset, view.byte_length, &field)?;
+        let content = self.part(view.buffer, view.byte_offset, view.byte_length, &field)?;
         let left = self.limits.file_bytes.saturating_sub(self.bytes);
         let limits = DecodeLimits::default()
             .with_max_points(points)
             .with_max_faces(faces)
             .with_max_decoded_bytes(left);
-        let decoded = decode(&content[range], limits).map_err(|reason| self.wrong(&field, reason))?;
+        let decoded = decode(&content, limits).map_err(|reason| self.wrong(&field, reason))?;
         if decoded.num_points() as u64 != points {
             let reason = format!("it has {} vertices, and `POSITION` has {points}", decoded.num_points());
             return Err(self.wrong(&field, reason));

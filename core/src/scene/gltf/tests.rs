@@ -287,7 +287,7 @@ fn broken_files_are_refused_with_the_place_in_the_json() {
         (
             r#""buffer": 0, "byteLength": 60"#,
             r#""buffer": 3, "byteLength": 60"#,
-            "bufferViews[0].buffer: there is no buffer 3",
+            "bufferViews[0]: there is no buffer 3",
         ),
         (
             r#""byteLength": 84"#,

@@ -8,7 +8,6 @@ use crate::math::Transform;
 use crate::scene::description::{Draft, Kind, ObjectId, Value};
 use crate::scene::error::{SceneError, shortened};
 use crate::scene::loader::{LoadedFile, Loader};
-use bytes::Bytes;
 use glam::{DMat4, DVec3, DVec4};
 use image::{ImageFormat, ImageReader};
 use std::collections::BTreeMap;
@@ -206,7 +205,7 @@ impl Textures<'_> {
             (Some(uri), _) => resource(loader, self.scene, place, &format!("{field}.uri"), uri)?,
             (None, Some(view)) => LoadedFile {
                 name: format!("{}#{field} \"{}\"", self.scene.name, shortened(&image.name)),
-                bytes: Bytes::copy_from_slice(self.accessors.view(view, &field)?),
+                bytes: self.accessors.view(view, &field)?,
             },
             (None, None) => {
                 let reason = "it has neither `uri` nor `bufferView`";

@@ -168,7 +168,7 @@ mod tests {
     pub(super) fn with_file<T>(bytes: &[u8], read: impl Fn(&MeshFile) -> T) -> T {
         let file = LoadedFile {
             name: "mesh".into(),
-            bytes: bytes.into(),
+            bytes: bytes.to_vec().into(),
         };
         read(&MeshFile::new(&file, &Limits::default(), MeshTotals::default()))
     }

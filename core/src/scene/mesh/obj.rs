@@ -108,6 +108,28 @@ impl<'a> Words<'a> {
         }
     }
 
+    /// The next word as the numbers of a corner, 0 where one is left out; `None` where it is not of such numbers above 0.
+    fn corner(&mut self) -> Option<[u32; 3]> {
+        let (mut numbers, mut at) = ([0; 3], 0);
+        for number in &mut numbers {
+            if let Some((found, length)) = leading_digits(&self.rest[at..]) {
+                if found == 0 {
+                    return None;
+                }
+                (*number, at) = (found, at + length);
+            }
+            match self.rest.get(at) {
+                Some(b'/') => at += 1,
+                Some(byte) if !ends_word(*byte) => return None,
+                _ => {
+                    self.rest = &self.rest[at..];
+                    return Some(numbers);
+                }
+            }
+        }
+        None
+    }
+
     fn numbers<const N: usize>(&mut self, keyword: &str) -> Result<[f32; N], String> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
@@ -215,10 +237,19 @@ impl ObjReader {
         colour.map(|_| ())
     }
 
-    fn face(&mut self, words: Words) -> Result<(), String> {
+    fn face(&mut self, mut words: Words) -> Result<(), String> {
         let (mut first, mut last, mut count) = (0, 0, 0);
-        for word in words {
-            let id = self.corner(word, count)?;
+        while words.skip_blanks() {
+            let mut behind = words.clone();
+            let corner = match behind.corner() {
+                Some(written) if self.has(written) => {
+                    words = behind;
+                    // What is left out becomes `NONE`.
+                    written.map(|number| number.wrapping_sub(1))
+                }
+                _ => self.corner(words.next().unwrap_or_default())?,
+            };
+            let id = self.id(corner, count);
             match count {
                 0 => first = id,
                 1 => {}
@@ -234,8 +265,17 @@ impl ObjReader {
         }
     }
 
-    /// The number of a corner, before which its face has `before`.
-    fn corner(&mut self, word: &[u8], before: usize) -> Result<u32, String> {
+    /// Whether the file has had what a corner names by numbers counted from 1.
+    fn has(&self, [position, uv, normal]: [u32; 3]) -> bool {
+        let within = |number: u32, count: usize| number as usize <= count;
+        position > 0
+            && within(position, self.positions.len())
+            && within(uv, self.uvs.len())
+            && within(normal, self.normals.len())
+    }
+
+    /// The corner that is written as a word.
+    fn corner(&self, word: &[u8]) -> Result<Corner, String> {
         let mut parts = word.split(|byte| *byte == b'/');
         let position = index(parts.next(), self.positions.len(), "vertex")?.ok_or("a corner without a vertex")?;
         let uv = index(parts.next(), self.uvs.len(), "texture coordinate")?;
@@ -243,15 +283,19 @@ impl ObjReader {
         if parts.next().is_some() {
             return Err("a corner has the form `v`, `v/vt`, `v//vn` or `v/vt/vn`".into());
         }
-        if self.corners.is_none() && uv.is_none() && normal.is_none() {
-            return Ok(position);
+        Ok([position, uv.unwrap_or(NONE), normal.unwrap_or(NONE)])
+    }
+
+    /// The number of a corner, before which its face has `before`.
+    fn id(&mut self, corner: Corner, before: usize) -> u32 {
+        if self.corners.is_none() && corner[1] == NONE && corner[2] == NONE {
+            return corner[0];
         }
         let corners = self.corners.get_or_insert_with(|| {
             let none_before = self.triangles.is_empty() && before == 0;
             Corners::of_positions(if none_before { 0 } else { self.positions.len() as u32 })
         });
-        let corner = [position, uv.unwrap_or(NONE), normal.unwrap_or(NONE)];
-        Ok(corners.id(corner, self.positions.len()))
+        corners.id(corner, self.positions.len())
     }
 
     fn finish(mut self) -> RawMesh {
@@ -474,6 +518,7 @@ mod tests {
             ("v 0 0 0\nf 1 1 -2\n", 2, "out of range"),
             ("v 0 0 0\nf 1 1 -9223372036854775808\n", 2, "out of range"),
             ("v 0 0 0\nf 1/1 1 1\n", 2, "out of range"),
+            ("v 0 0 0\nf 1/0 1 1\n", 2, "out of range"),
             ("v 0 0 0\nf 1/1/1/1 1 1\n", 2, "out of range"),
             ("v 0 0 0\nf 1 1\n", 2, "3 corners"),
             ("v 0 0 0\nf /1 1 1\n", 2, "without a vertex"),

@@ -4,7 +4,7 @@
 //! line. Commas between numbers, which pbrt does not see, separate as spaces do. Lists of numbers, which make up nearly all of a large file, are read in one go.
 
 use crate::scene::error::{Place, SceneError, shortened};
-use crate::scene::number::leading_f64;
+use crate::scene::number::{leading_digits, leading_f64};
 use bytes::Bytes;
 use std::sync::Arc;
 
@@ -30,6 +30,7 @@ pub(super) struct Tokens {
 }
 
 /// What ends a word.
+#[inline(always)]
 fn ends_word(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b'\n' | b'\r' | b',' | b'"' | b'[' | b']' | b'#')
 }
@@ -59,6 +60,7 @@ impl Tokens {
     }
 
     /// Skips white space and comments, and returns the first byte after them.
+    #[inline]
     pub(super) fn peek(&mut self) -> Option<u8> {
         while let Some(byte) = self.bytes.get(self.at) {
             match byte {
@@ -144,9 +146,16 @@ impl Tokens {
     }
 
     /// The number that starts here.
+    #[inline(always)]
     fn number(&mut self) -> Result<f64, SceneError> {
         let rest = &self.bytes[self.at..];
-        let found = leading_f64(rest).filter(|(_, length)| rest.get(*length).is_none_or(|byte| ends_word(*byte)));
+        let ends = |length: usize| rest.get(length).is_none_or(|byte| ends_word(*byte));
+        // Most of the numbers of large meshes.
+        if let Some((digits, length)) = leading_digits(rest).filter(|(_, length)| ends(*length)) {
+            self.at += length;
+            return Ok(f64::from(digits));
+        }
+        let found = leading_f64(rest).filter(|(_, length)| ends(*length));
         match found {
             Some((value, length)) if (value as f32).is_finite() => {
                 self.at += length;
@@ -183,9 +192,13 @@ impl Tokens {
         let rest = &self.bytes[self.at..];
         let list = &rest[..memchr::memchr(b']', rest).unwrap_or(rest.len())];
         let is_blank = |byte: u8| byte <= b' ' || byte == b',';
-        let begins = |pair: &[u8]| is_blank(pair[0]) && !is_blank(pair[1]);
-        let first = list.first().is_some_and(|byte| !is_blank(*byte));
-        usize::from(first) + list.windows(2).filter(|pair| begins(pair)).count()
+        let begins = |(before, byte): (&u8, &u8)| u8::from(is_blank(*before) && !is_blank(*byte));
+        let [first, rest @ ..] = list else { return 0 };
+        // A byte holds how many words begin among so few pairs, and many bytes are added at once.
+        let few = usize::from(u8::MAX);
+        let pairs = list.chunks(few).zip(rest.chunks(few));
+        let counts = pairs.map(|(before, bytes)| usize::from(before.iter().zip(bytes).map(begins).sum::<u8>()));
+        usize::from(!is_blank(*first)) + counts.sum::<usize>()
     }
 }
 

@@ -16,7 +16,7 @@ macro_rules! images {
 fn read(name: &str, bytes: &[u8], channel: Channel) -> LinearImage {
     let file = LoadedFile {
         name: name.into(),
-        bytes: bytes.into(),
+        bytes: bytes.to_vec().into(),
     };
     let reading = Reading {
         encoding: Encoding::Linear,

@@ -193,7 +193,7 @@ mod tests {
         let read = |bytes: &[u8]| {
             spectrum_file(&LoadedFile {
                 name: "a.spd".into(),
-                bytes: bytes.into(),
+                bytes: bytes.to_vec().into(),
             })
         };
         let lines = |bytes| -> Vec<Option<u32>> { read(bytes).unwrap_err().iter().map(SceneError::line).collect() };
