@@ -299,7 +299,7 @@ fn broken_documents_are_refused() {
             "Missing",
             1,
             "a <shape>",
-            "<scene version='3.0.0'><sensor type='perspective'/><emitter type='constant'/></scene>",
+            "<scene version='3.0.0'><sensor type='perspective'/><emitter type='point'/></scene>",
         ),
     ] {
         assert_error(

@@ -1,8 +1,9 @@
 //! JSON messages of the public interface that are not types of their own.
 
-use crate::id::{BlobHash, WorkerId};
+use crate::id::{BlobHash, JobId, WorkerId};
 use crate::job::JobStatus;
 use crate::limits::Limits;
+use crate::token::Role;
 use crate::waiting::Waiting;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,6 +21,9 @@ pub const EVENT_STATUS: &str = "status";
 
 /// Name of the last server-sent event, which carries the final [`JobStatus`].
 pub const EVENT_END: &str = "end";
+
+/// Name of the server-sent events of a whole farm, which carry a [`FarmNews`].
+pub const EVENT_FARM: &str = "farm";
 
 /// Reply to a manifest: what to upload before a job can name the bundle.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -49,7 +53,7 @@ pub struct JobPage {
 }
 
 /// A worker that was heard of lately.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WorkerStatus {
     /// The worker.
     pub id: WorkerId,
@@ -81,13 +85,41 @@ pub struct WorkerStatus {
     pub silent_ms: u64,
     /// Leases it holds.
     pub leases: u32,
+    /// The jobs that it is at work on.
+    #[serde(default)]
+    pub jobs: BTreeSet<JobId>,
+    /// Its speed on these, lately; absent while it is at work on none, or none of theirs has arrived.
+    #[serde(default)]
+    pub iterations_per_second: Option<f64>,
 }
 
 /// The workers of the farm.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WorkerList {
     /// The workers, oldest first.
     pub workers: Vec<WorkerStatus>,
+}
+
+/// What changed of a farm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FarmNews {
+    /// Whether this is all that there is, and what was told before counts no more.
+    pub whole: bool,
+    /// Jobs that are new or changed.
+    pub jobs: Vec<JobStatus>,
+    /// Jobs that were deleted, or are no longer among the newest.
+    pub gone: Vec<JobId>,
+    /// All workers, if something changed.
+    pub workers: Option<Vec<WorkerStatus>>,
+}
+
+/// Who the farm takes somebody for.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Session {
+    /// Name of the token; empty on a farm without tokens.
+    pub name: String,
+    /// What it allows.
+    pub role: Role,
 }
 
 /// Asks for more iterations of a job.

@@ -40,7 +40,14 @@ pub struct JobSpec {
     /// When and where it is worked on, and when it stops.
     #[serde(default, skip_serializing_if = "Schedule::is_default")]
     pub schedule: Schedule,
+    /// A name for people, which changes nothing in the picture and need not be the only one of its kind.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    #[schema(max_length = 200)]
+    pub name: String,
 }
+
+/// The longest name of a job [bytes].
+pub const NAME_BYTES: usize = 200;
 
 impl JobSpec {
     /// Checks the job against a farm's limits and the bundle that it names.
@@ -61,6 +68,10 @@ impl JobSpec {
         }
         if let Some(sensor) = &self.sensor {
             bytes_within("the length of the sensor's name in bytes", sensor.len())?;
+        }
+        if self.name.len() > NAME_BYTES || self.name.chars().any(char::is_control) {
+            let reason = format!("a name is text of at most {NAME_BYTES} bytes without control characters");
+            return Err(LimitError::invalid("name", reason));
         }
         self.schedule.check()
     }
@@ -139,8 +150,9 @@ pub struct Attempt {
     pub kind: FailureKind,
     /// What the worker said.
     pub message: String,
-    /// When [milliseconds since 1970, UTC].
-    #[serde(default)]
+    /// When.
+    #[serde(rename = "at", alias = "at_ms", with = "crate::time", default)]
+    #[schema(value_type = String, format = DateTime)]
     pub at_ms: u64,
 }
 
@@ -304,9 +316,13 @@ pub struct JobStatus {
     /// Name of the token that it was submitted with; empty without tokens.
     #[serde(default)]
     pub owner: String,
-    /// When it was submitted [milliseconds since 1970, UTC].
+    /// When it was submitted.
+    #[serde(rename = "created", alias = "created_ms", with = "crate::time")]
+    #[schema(value_type = String, format = DateTime)]
     pub created_ms: u64,
-    /// When it ended [milliseconds since 1970, UTC].
+    /// When it ended.
+    #[serde(rename = "ended", alias = "ended_ms", with = "crate::time::option", default)]
+    #[schema(value_type = Option<String>, format = DateTime)]
     pub ended_ms: Option<u64>,
     /// Iterations in the image.
     pub iterations_done: u64,
@@ -369,6 +385,7 @@ mod tests {
             iterations: 4,
             seed: 0,
             schedule: Default::default(),
+            name: String::new(),
         };
         assert!(spec.check(&limits, &bundle).is_ok());
         let refused = |change: &dyn Fn(&mut JobSpec)| {
@@ -380,6 +397,8 @@ mod tests {
         assert!(refused(&|s| s.iterations = 0).contains("iterations"));
         assert!(refused(&|s| s.main = "other.xml".into()).contains("other.xml"));
         assert!(refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes"));
+        assert!(refused(&|s| s.name = "a\nb".into()).contains("control"));
+        assert!(refused(&|s| s.name = "a".repeat(NAME_BYTES + 1)).contains("200 bytes"));
         assert!(refused(&|s| s.sensor = Some("abcde".into())).contains("define_bytes"));
     }
 

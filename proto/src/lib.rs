@@ -14,6 +14,7 @@ pub mod node;
 pub mod planes;
 pub mod problem;
 pub mod schedule;
+pub mod time;
 pub mod token;
 pub mod waiting;
 pub mod worker;

@@ -25,7 +25,9 @@ pub struct Schedule {
     pub priority: u32,
     /// No new work is handed out; what is at work goes on to its end.
     pub paused: bool,
-    /// When the job ends at the latest, with its complete iterations from the first on [milliseconds since 1970, UTC].
+    /// When the job ends at the latest, with its complete iterations from the first on.
+    #[serde(rename = "deadline", alias = "deadline_ms", with = "crate::time::option", default)]
+    #[schema(value_type = Option<String>, format = DateTime)]
     pub deadline_ms: Option<u64>,
     /// The job ends at the first of 4, 8, 16, ... iterations at which the noise is at most this: the mean of the pixels'
     /// standard errors of luminance over the mean luminance, without the hundredth of the pixels with the largest errors.

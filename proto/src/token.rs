@@ -129,9 +129,13 @@ pub struct TokenStatus {
     pub name: String,
     /// What it allows.
     pub role: Role,
-    /// When it was made [ms since 1970, UTC].
+    /// When it was made.
+    #[serde(rename = "created", alias = "created_ms", with = "crate::time")]
+    #[schema(value_type = String, format = DateTime)]
     pub created_ms: u64,
-    /// When it ends [ms since 1970, UTC].
+    /// When it ends.
+    #[serde(rename = "expires", alias = "expires_ms", with = "crate::time::option", default)]
+    #[schema(value_type = Option<String>, format = DateTime)]
     pub expires_ms: Option<u64>,
     /// How much it allows.
     pub quota: Quota,

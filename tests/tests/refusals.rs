@@ -2,7 +2,7 @@
 
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::{self, PictureMetadata};
-use photonfarm_tests::processes::{Coordinator, Process, photonfarm, printed, scene};
+use photonfarm_tests::processes::{Coordinator, Process, photonfarm, printed, scene, wait_for};
 use std::fs;
 use std::path::Path;
 
@@ -213,6 +213,31 @@ fn an_interrupted_render_leaves_the_old_picture_and_keeps_a_partial_one() {
         "temporary files were left: {:?}",
         files_in(&scratch)
     );
+}
+
+/// `--preview` shows the picture in its place before it is done.
+#[test]
+fn a_picture_appears_while_it_is_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("a.exr");
+    let scene = scene("constant.xml");
+    let render = ["render", text(&scene), "-o", text(&output), "--iterations", "1000000"];
+    let process = Process::start("photonfarm", &[&render[..], &["--preview", "0.1"]].concat());
+    let shown = || {
+        let picture = fs::read(&output).ok()?;
+        picture::read_metadata(&picture)
+            .unwrap()
+            .map(|metadata| metadata.iterations)
+    };
+    let mut first = None;
+    wait_for("two previews", || {
+        let now = shown();
+        first = first.or(now);
+        (now > first).then_some(())
+    });
+    process.signal("INT");
+    assert_eq!(process.finish().0.code(), Some(130));
+    assert!(folder.path().join("a.png").exists() && shown() < Some(1_000_000));
 }
 
 #[test]

@@ -52,7 +52,8 @@ impl Ground {
 
 fn refused(output: &Output, reasons: &[&str]) {
     let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{message}");
+    // By the program itself, or by the farm.
+    assert!(matches!(output.status.code(), Some(1 | 6)), "{message}");
     for reason in reasons {
         assert!(message.contains(reason), "{reason:?} is not in {message:?}");
     }

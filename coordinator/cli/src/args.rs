@@ -2,10 +2,11 @@
 
 use crate::farm_args::{CredentialArgs, FarmArgs};
 use crate::steer_args::{
-    DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
+    DeleteArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_core::integrator::{INTEGRATORS, Integrator};
 use photonfarm_core::settings::reference;
@@ -23,6 +24,10 @@ Exit codes:
   0    done; the picture, if one was asked for, is complete
   1    failed; the message says why, and files are as they were before
   2    the command line cannot be understood
+  3    the job failed
+  4    the job was cancelled
+  5    no coordinator answers
+  6    the farm refuses: no such job, a limit, a token without the right
   130  interrupted by Ctrl-C; files are as they were before, and `render` keeps what it has in
        OUT.partial.exr and OUT.partial.farm";
 
@@ -134,6 +139,12 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
+const COMPLETIONS_EXAMPLES: &str = "\
+Examples:
+  photonfarm completions bash > ~/.local/share/bash-completion/completions/photonfarm
+  photonfarm completions zsh > ~/.zfunc/_photonfarm
+  photonfarm completions fish > ~/.config/fish/completions/photonfarm.fish";
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Render a scene on this machine
@@ -148,9 +159,12 @@ pub(crate) enum Command {
     /// Send a scene to a farm
     #[command(after_help = SUBMIT_EXAMPLES)]
     Submit(SubmitArgs),
-    /// Wait until a job of a farm is done, and fetch its picture
+    /// Wait until jobs of a farm are done, and fetch the picture of one
     #[command(after_help = EXIT_CODES)]
     Wait(WaitArgs),
+    /// Fetch the picture of a job as it stands, whether or not it is done
+    #[command(after_help = EXIT_CODES)]
+    Fetch(FetchArgs),
     /// Save a farm to a folder, while it runs or not
     #[command(after_help = BACKUP_EXAMPLES)]
     Backup(BackupArgs),
@@ -176,6 +190,17 @@ pub(crate) enum Command {
     Priority(PriorityArgs),
     /// List the workers of a farm, put one into quarantine, or let it out
     Workers(WorkersArgs),
+    /// Print what a shell needs to complete commands and options by the tabulator key
+    #[command(after_help = COMPLETIONS_EXAMPLES)]
+    Completions {
+        /// The shell
+        shell: Shell,
+    },
+    /// Write manual pages, one for each command
+    Man {
+        /// Folder to write them to, such as ~/.local/share/man/man1
+        folder: PathBuf,
+    },
 }
 
 #[derive(Debug, Args)]
@@ -189,6 +214,9 @@ pub(crate) struct RenderArgs {
     /// Table to write beside the picture: a line for each pixel with its row, column, red, green, blue and luminance
     #[arg(long, value_name = "FILE")]
     pub(crate) csv: Option<PathBuf>,
+    /// Write the picture as it stands every so many seconds while it is rendered, in place of what is there
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) preview: Option<f64>,
     /// Threads to render with [default: one per processor]
     #[arg(long, value_name = "T")]
     pub(crate) threads: Option<NonZeroUsize>,
@@ -289,6 +317,9 @@ pub(crate) struct SubmitArgs {
     pub(crate) farm: FarmArgs,
     #[command(flatten)]
     pub(crate) schedule: ScheduleArgs,
+    /// Name of the job for people [default: that of the scene file, or of its folder where that is `scene`]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) name: Option<String>,
     /// Wait until the job is done
     #[arg(long)]
     pub(crate) wait: bool,

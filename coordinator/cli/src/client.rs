@@ -35,6 +35,8 @@ const READ_TIMEOUT: Duration = Duration::from_secs(60);
 const QUIET: Duration = Duration::from_secs(2);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
+/// Jobs that are asked for at once: as many as a page has.
+const PAGE: usize = 100;
 /// Longest line of an event stream: far beyond any job's status.
 const EVENT_BYTES: usize = 16 << 20;
 
@@ -49,6 +51,11 @@ pub(crate) struct Client {
     /// The farm that answered first; answers of another one are refused.
     farm: Arc<OnceLock<String>>,
 }
+
+/// No coordinator has answered for as long as there is patience.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct Unreachable(String);
 
 /// Why a request has no answer.
 enum Failure {
@@ -120,10 +127,9 @@ impl Client {
     }
 
     /// Sends a file of a bundle, however long that takes.
-    pub(crate) async fn upload(&self, hash: BlobHash, bytes: &[u8]) -> Result<()> {
+    pub(crate) async fn upload(&self, hash: BlobHash, bytes: &Bytes) -> Result<()> {
         let path = format!("blobs/{hash}");
-        let bytes = Bytes::copy_from_slice(bytes);
-        self.transfer(|| self.request(Method::PUT, &path), &bytes).await?;
+        self.transfer(|| self.request(Method::PUT, &path), bytes).await?;
         Ok(())
     }
 
@@ -153,12 +159,21 @@ impl Client {
         Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
     }
 
-    /// Jobs, newest first.
-    pub(crate) async fn jobs(&self, limit: u32) -> Result<Vec<JobStatus>> {
-        let path = format!("jobs?limit={limit}");
-        let request = || self.request(Method::GET, &path);
-        let page: JobPage = self.retry(FIRST_PATIENCE, request).await?.json().await?;
-        Ok(page.jobs)
+    /// The newest jobs that are wanted, newest first.
+    pub(crate) async fn jobs(&self, limit: usize, wanted: impl Fn(&JobStatus) -> bool) -> Result<Vec<JobStatus>> {
+        let (mut found, mut cursor) = (Vec::new(), String::new());
+        loop {
+            let path = format!("jobs?limit={PAGE}{cursor}");
+            let request = || self.request(Method::GET, &path);
+            let page: JobPage = self.retry(FIRST_PATIENCE, request).await?.json().await?;
+            found.extend(page.jobs.into_iter().filter(&wanted));
+            match page.next {
+                Some(next) if found.len() < limit => cursor = format!("&cursor={next}"),
+                _ => break,
+            }
+        }
+        found.truncate(limit);
+        Ok(found)
     }
 
     /// Steers a job; repetition is harmless.
@@ -288,7 +303,12 @@ impl Client {
             match judge(send().await, self.farm.get()).await {
                 Ok(response) => return Ok(response),
                 Err(Failure::Refused(error)) => return Err(error),
-                Err(Failure::Away(error)) if started.elapsed() + pause > patience => return Err(error),
+                Err(Failure::Away(error)) if started.elapsed() + pause > patience => {
+                    return Err(match error.is::<Problem>() {
+                        true => error,
+                        false => Unreachable(format!("{error:#}")).into(),
+                    });
+                }
                 Err(Failure::Away(error)) if patience > FIRST_PATIENCE && !told && started.elapsed() > QUIET => {
                     let minutes = patience.as_secs() / 60;
                     tell(format_args!("trying again for {minutes} minutes: {error:#}"));

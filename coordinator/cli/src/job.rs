@@ -97,6 +97,7 @@ impl PreparedJob {
             iterations,
             seed: old.map_or(args.seed, |old| old.metadata.seed),
             schedule: Default::default(),
+            name: String::new(),
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos();
         let key = format!("{now:x}-{:x}", std::process::id());

@@ -11,6 +11,7 @@ mod farm_args;
 mod job;
 mod kept;
 mod log;
+mod manual;
 mod output;
 mod progress;
 mod render;
@@ -22,10 +23,12 @@ mod stats;
 mod steer;
 mod steer_args;
 mod submit;
+mod table;
 mod token;
 
 use args::{Cli, Command, LogFormat};
 use clap::Parser;
+use photonfarm_proto::problem::Problem;
 use std::process::ExitCode;
 
 /// The user pressed Ctrl-C.
@@ -34,7 +37,22 @@ use std::process::ExitCode;
 struct Interrupted;
 
 const EXIT_FAILED: u8 = 1;
+const EXIT_JOB_FAILED: u8 = 3;
+const EXIT_JOB_CANCELLED: u8 = 4;
+const EXIT_UNREACHABLE: u8 = 5;
+const EXIT_REFUSED: u8 = 6;
 const EXIT_INTERRUPTED: u8 = 130;
+
+/// What the process ends with, so that scripts can tell one failure from another.
+fn exit_code(error: &anyhow::Error) -> u8 {
+    match error.downcast_ref::<submit::JobEnded>() {
+        Some(submit::JobEnded::Failed(..)) => EXIT_JOB_FAILED,
+        Some(submit::JobEnded::Cancelled(..)) => EXIT_JOB_CANCELLED,
+        None if error.is::<Problem>() => EXIT_REFUSED,
+        None if error.is::<client::Unreachable>() => EXIT_UNREACHABLE,
+        None => EXIT_FAILED,
+    }
+}
 
 fn main() -> ExitCode {
     let command = Cli::parse().command;
@@ -48,6 +66,7 @@ fn main() -> ExitCode {
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
         Command::Wait(args) => submit::wait(args),
+        Command::Fetch(args) => submit::fetch_picture(args),
         Command::Backup(args) => backup::run(args),
         Command::Token(args) => token::run(args),
         Command::Jobs(args) => steer::jobs(args),
@@ -59,6 +78,8 @@ fn main() -> ExitCode {
         Command::Extend(args) => steer::extend(args),
         Command::Priority(args) => steer::priority(args),
         Command::Workers(args) => steer::workers(args),
+        Command::Completions { shell } => manual::completions(shell),
+        Command::Man { folder } => manual::pages(&folder),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -66,7 +87,7 @@ fn main() -> ExitCode {
         Err(error) if error.is::<Interrupted>() => ExitCode::from(EXIT_INTERRUPTED),
         Err(error) => {
             say::tell(format_args!("error: {}", say::causes(&error)));
-            ExitCode::from(EXIT_FAILED)
+            ExitCode::from(exit_code(&error))
         }
     }
 }

@@ -14,6 +14,7 @@ use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::{Config, Coordinator};
 use photonfarm_core::picture;
 use photonfarm_core::scene::Scene;
+use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_worker::{
     BundleFiles, CancellationToken, CoreScene, Credentials, LoadedScene, Renderer, Worker, WorkerConfig,
@@ -44,7 +45,11 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let threads = args.threads.map_or_else(default_threads, NonZeroUsize::get);
     let interrupt = tokio::signal::ctrl_c();
     let scene = Arc::new(CoreScene(scene));
-    let result = runtime.block_on(render(&job, scene.clone(), farm.path(), threads, interrupt));
+    let preview = async |client: &Client, job: JobId| match args.preview {
+        Some(seconds) => previews(client, job, Duration::from_secs_f64(seconds), &output, &scene.0).await,
+        None => std::future::pending().await,
+    };
+    let result = runtime.block_on(render(&job, scene.clone(), farm.path(), threads, preview, interrupt));
     // An iteration that was interrupted need not come to its end.
     runtime.shutdown_background();
     let rendered = match result? {
@@ -148,6 +153,20 @@ struct Rendered {
     png: Vec<u8>,
 }
 
+/// Writes the picture of a job again and again, whenever it has come further.
+async fn previews(client: &Client, job: JobId, every: Duration, output: &Output, scene: &Scene) -> Result<()> {
+    let mut written = 0;
+    loop {
+        tokio::time::sleep(every).await;
+        let status = client.status(job).await?;
+        if status.iterations_done > written && !status.state.ended() {
+            written = status.iterations_done;
+            let rendered = fetch(client, status).await?;
+            tokio::task::block_in_place(|| output.write(&rendered, scene))?;
+        }
+    }
+}
+
 /// Renders a job in the data folder `farm`, in which an earlier render may have left a part of it, until it is done or `interrupt`
 /// comes.
 async fn render(
@@ -155,6 +174,7 @@ async fn render(
     scene: Arc<dyn LoadedScene>,
     farm: &Path,
     threads: usize,
+    preview: impl AsyncFnOnce(&Client, JobId) -> Result<()>,
     interrupt: impl Future<Output = std::io::Result<()>>,
 ) -> Result<Ending> {
     let listener = TcpListener::bind("127.0.0.1:0")
@@ -182,7 +202,10 @@ async fn render(
     let mut work = tokio::spawn(worker.run(drain.clone()));
     let picture = async {
         let asked = begin(&client, job, farm).await?;
-        let status = submit::follow(&client, &asked).await?;
+        let status = tokio::select! {
+            status = submit::follow(&client, &asked) => status?,
+            Err(error) = preview(&client, asked.id) => return Err(error),
+        };
         fetch(&client, status).await.map(Ending::Complete)
     };
     let result = tokio::select! {
@@ -212,7 +235,7 @@ async fn render(
 
 /// Sends the job, or finds it where an earlier render has begun with it.
 async fn begin(client: &Client, job: &PreparedJob, farm: &Path) -> Result<JobStatus> {
-    let Some(begun) = client.jobs(1).await?.pop() else {
+    let Some(begun) = client.jobs(1, |_| true).await?.pop() else {
         return submit::send(client, job).await;
     };
     let spec = JobSpec {
@@ -230,7 +253,12 @@ async fn begin(client: &Client, job: &PreparedJob, farm: &Path) -> Result<JobSta
 
 /// What there is of the picture. One worker delivers iterations in their order, so that they are the first ones.
 async fn interrupted(client: &Client) -> Result<Option<Rendered>> {
-    match client.jobs(1).await?.pop().filter(|job| job.iterations_done > 0) {
+    match client
+        .jobs(1, |_| true)
+        .await?
+        .pop()
+        .filter(|job| job.iterations_done > 0)
+    {
         Some(status) => fetch(client, status).await.map(Some),
         None => Ok(None),
     }
@@ -326,6 +354,11 @@ mod tests {
         (job, CoreScene(scene))
     }
 
+    /// No preview.
+    async fn none(_: &Client, _: JobId) -> Result<()> {
+        std::future::pending().await
+    }
+
     fn complete(ending: Ending) -> Rendered {
         match ending {
             Ending::Complete(rendered) => rendered,
@@ -340,7 +373,7 @@ mod tests {
             let folder = kept::temporary().unwrap();
             let options = format!("--iterations 40 --integrator {integrator}");
             let (job, scene) = prepare(folder.path(), &options);
-            let whole = render(&job, Arc::new(scene), &folder.path().join("whole"), 1, pending()).await;
+            let whole = render(&job, Arc::new(scene), &folder.path().join("whole"), 1, none, pending()).await;
             let whole = complete(whole.unwrap());
             let work = folder.path().join("a.partial.farm");
             let mut done = 0;
@@ -356,7 +389,7 @@ mod tests {
                     reached.cancelled().await;
                     Ok(())
                 };
-                let ending = render(&job, Arc::new(stuck), &work, 1, interrupt).await.unwrap();
+                let ending = render(&job, Arc::new(stuck), &work, 1, none, interrupt).await.unwrap();
                 let Ending::Interrupted(Some(partial)) = ending else {
                     panic!("it was interrupted after the first iteration")
                 };

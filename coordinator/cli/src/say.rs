@@ -41,6 +41,15 @@ pub(crate) fn causes(error: &anyhow::Error) -> String {
     })
 }
 
+/// Says that a list is empty.
+///
+/// # Errors
+/// None.
+pub(crate) fn none(what: &str) -> Result<()> {
+    tell(format_args!("no {what}"));
+    Ok(())
+}
+
 /// Writes a line to standard error, if anybody reads it.
 pub(crate) fn tell(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");

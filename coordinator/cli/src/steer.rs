@@ -4,13 +4,19 @@ use crate::client::Client;
 use crate::farm_args::CredentialArgs;
 use crate::say;
 use crate::steer_args::{DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
+use crate::table;
 use anyhow::{Context, Result, ensure};
-use photonfarm_proto::api::{Extend, Quarantine, SetPriority, WorkerStatus};
-use photonfarm_proto::job::{JobState, JobStatus};
-use photonfarm_proto::schedule::StopReason;
+use photonfarm_proto::api::{Extend, Quarantine, SetPriority};
+use photonfarm_proto::job::JobStatus;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 fn block_on(work: impl Future<Output = Result<()>>) -> Result<()> {
     tokio::runtime::Runtime::new()?.block_on(work)
+}
+
+/// Milliseconds since 1970, UTC.
+fn now_ms() -> Result<u64> {
+    Ok(SystemTime::now().duration_since(UNIX_EPOCH)?.as_millis() as u64)
 }
 
 async fn connect(coordinator: &str, credentials: &CredentialArgs) -> Result<Client> {
@@ -25,10 +31,13 @@ pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
         let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
         match args.job {
             Some(job) => show(&client.status(job).await?, args.json),
-            None if args.json => say::json(&client.jobs(args.limit).await?),
             None => {
-                let jobs = client.jobs(args.limit).await?;
-                jobs.iter().try_for_each(|job| say::line(job_line(job)))
+                let jobs = client.jobs(args.limit, |job| args.wants(job)).await?;
+                match args.json {
+                    true => say::json(&jobs),
+                    false if jobs.is_empty() => say::none("jobs"),
+                    false => say::line(table::jobs(&jobs, now_ms()?)),
+                }
             }
         }
     })
@@ -127,7 +136,8 @@ pub(crate) fn workers(args: WorkersArgs) -> Result<()> {
         };
         match args.json {
             true => say::json(&workers),
-            false => workers.iter().try_for_each(|worker| say::line(worker_line(worker))),
+            false if workers.is_empty() => say::none("workers"),
+            false => say::line(table::workers(&workers)),
         }
     })
 }
@@ -136,7 +146,7 @@ fn show(job: &JobStatus, json: bool) -> Result<()> {
     if json {
         return say::json(job);
     }
-    say::line(job_line(job))?;
+    say::line(table::jobs(std::slice::from_ref(job), now_ms()?))?;
     let noise = job.checkpoint.map(|at| at.to_string());
     let doubt = (job.iterations_in_doubt > 0).then(|| format!("{} iterations are repeated", job.iterations_in_doubt));
     let poisoned = job.poisoned.iter().map(|iteration| {
@@ -153,65 +163,4 @@ fn show(job: &JobStatus, json: bool) -> Result<()> {
         say::line(format_args!("    {line}"))?;
     }
     Ok(())
-}
-
-fn job_line(job: &JobStatus) -> String {
-    let schedule = &job.spec.schedule;
-    let state = match job.state {
-        _ if schedule.paused && !job.state.ended() => "paused",
-        JobState::Queued => "queued",
-        JobState::Running => "running",
-        JobState::Done => "done",
-        JobState::Failed => "failed",
-        JobState::Cancelled => "cancelled",
-    };
-    let mut line = format!(
-        "{}  {state}  {} of {}",
-        job.id, job.iterations_done, job.spec.iterations
-    );
-    if !job.owner.is_empty() {
-        line += &format!("  owner: {}", job.owner);
-    }
-    if !job.state.ended() {
-        line += &format!("  priority: {}  workers: {}", schedule.priority, job.workers);
-    }
-    if let Some(stop) = job.stop {
-        let reason = match stop.reason {
-            StopReason::Noise => "noise target",
-            StopReason::Deadline => "deadline",
-        };
-        line += &format!("  stopped by its {reason}, of {}", stop.asked);
-    }
-    if let Some(waiting) = job.waiting.as_ref().filter(|_| !schedule.paused) {
-        line += &format!("  waits: {waiting}");
-    }
-    line
-}
-
-fn worker_line(worker: &WorkerStatus) -> String {
-    let mut line = format!(
-        "{}  {}  threads: {}  leases: {}",
-        worker.id, worker.name, worker.threads, worker.leases
-    );
-    line += &format!(
-        "  silent: {:.0} s  confirmed: {}",
-        worker.silent_ms as f64 / 1e3,
-        worker.verified
-    );
-    let origin = [&worker.token, &worker.machine].map(String::as_str);
-    line += &match origin {
-        ["", machine] => format!("  from: {machine}"),
-        [token, machine] => format!("  from: {token}@{machine}"),
-    };
-    if !worker.tags.is_empty() {
-        let tags: Vec<&str> = worker.tags.iter().map(String::as_str).collect();
-        line += &format!("  tags: {}", tags.join(","));
-    }
-    if worker.faults > 0 {
-        line += &format!("  faults: {}", worker.faults);
-    }
-    if let Some(reason) = &worker.quarantine {
-        line += &format!("  in quarantine: {reason}");
-    }
-    line
 }

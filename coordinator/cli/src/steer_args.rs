@@ -1,9 +1,11 @@
 //! The command line of what looks at a farm and steers it.
 
 use crate::farm_args::{CredentialArgs, FarmArgs};
+use crate::table;
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
 use photonfarm_proto::id::{JobId, WorkerId};
+use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::schedule::{PRIORITY, Schedule};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -14,14 +16,33 @@ pub(crate) struct JobsArgs {
     /// Number of a job; without it, jobs are listed, newest first
     #[arg(value_name = "JOB")]
     pub(crate) job: Option<JobId>,
-    /// Jobs to list, at most 100
+    /// Most jobs to list
     #[arg(long, value_name = "N", default_value_t = 20)]
-    pub(crate) limit: u32,
+    pub(crate) limit: usize,
+    /// List jobs of this state only (repeatable)
+    #[arg(long, value_name = "STATE", value_parser = ["queued", "running", "paused", "done", "failed", "cancelled"], conflicts_with = "job")]
+    pub(crate) state: Vec<String>,
+    /// List jobs of this token only
+    #[arg(long, value_name = "NAME", conflicts_with = "job")]
+    pub(crate) owner: Option<String>,
+    /// List jobs only whose name has this in it
+    #[arg(long, value_name = "TEXT", conflicts_with = "job")]
+    pub(crate) name: Option<String>,
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
     #[command(flatten)]
     pub(crate) farm: FarmArgs,
+}
+
+impl JobsArgs {
+    /// Whether a job is to be listed.
+    pub(crate) fn wants(&self, job: &JobStatus) -> bool {
+        let state = table::state(job);
+        (self.state.is_empty() || self.state.iter().any(|wanted| wanted == state))
+            && self.owner.as_ref().is_none_or(|owner| *owner == job.owner)
+            && self.name.as_ref().is_none_or(|part| table::name(job).contains(part))
+    }
 }
 
 #[derive(Debug, Args)]
@@ -47,15 +68,27 @@ pub(crate) struct DeleteArgs {
 
 #[derive(Debug, Args)]
 pub(crate) struct WaitArgs {
-    /// Number of the job
-    #[arg(value_name = "JOB")]
-    pub(crate) job: JobId,
-    /// Picture to write when the job is done, with a PNG beside it
+    /// Numbers of the jobs
+    #[arg(value_name = "JOB", required = true)]
+    pub(crate) jobs: Vec<JobId>,
+    /// Picture to write when the job is done, with a PNG beside it; of one job
     #[arg(short, long, value_name = "OUT.exr")]
     pub(crate) output: Option<PathBuf>,
     /// The farm that has the job, as `submit --wait` and `healthz` name it: another one at the same address is refused
     #[arg(long = "farm", value_name = "FARM")]
     pub(crate) identity: Option<String>,
+    #[command(flatten)]
+    pub(crate) farm: FarmArgs,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct FetchArgs {
+    /// Number of the job
+    #[arg(value_name = "JOB")]
+    pub(crate) job: JobId,
+    /// Picture to write, with a PNG beside it
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(crate) output: PathBuf,
     #[command(flatten)]
     pub(crate) farm: FarmArgs,
 }

@@ -6,12 +6,13 @@ use crate::job::PreparedJob;
 use crate::output::PictureFiles;
 use crate::progress::Progress;
 use crate::say;
-use crate::steer_args::WaitArgs;
-use anyhow::{Context, Result, bail};
+use crate::steer_args::{FetchArgs, WaitArgs};
+use anyhow::{Context, Result, bail, ensure};
 use photonfarm_core::picture;
 use photonfarm_core::scene::Scene;
 use photonfarm_proto::id::JobId;
-use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
+use photonfarm_proto::job::{JobSpec, JobState, JobStatus, NAME_BYTES};
+use std::ffi::OsStr;
 use std::path::Path;
 
 /// Runs the command.
@@ -24,6 +25,7 @@ async fn submit(args: SubmitArgs) -> Result<()> {
     let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
     let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule = args.schedule.schedule()?;
+    job.spec.name = args.name.unwrap_or_else(|| name_of(&args.job.scene));
     job.key = args.key.unwrap_or(job.key);
     let farm = client.connect().await?.farm.farm;
     let asked = send(&client, &job).await?;
@@ -51,10 +53,64 @@ pub(crate) fn wait(args: WaitArgs) -> Result<()> {
         if let Some(expected) = args.identity.filter(|expected| *expected != farm) {
             bail!(other_farm(&farm, &expected));
         }
-        let asked = client.status(args.job).await?;
-        let again = again(args.job, &args.farm.coordinator, &farm, args.output.as_deref());
-        await_picture(&client, &asked, output, None, &again).await
+        ensure!(
+            output.is_none() || args.jobs.len() == 1,
+            "-o takes the picture of one job"
+        );
+        let mut output = output;
+        let mut worst = Ok(());
+        for job in &args.jobs {
+            let asked = client.status(*job).await?;
+            let again = again(*job, &args.farm.coordinator, &farm, args.output.as_deref());
+            match await_picture(&client, &asked, output.take(), None, &again).await {
+                // The other jobs are waited for all the same.
+                Err(error) if args.jobs.len() > 1 && error.is::<JobEnded>() => {
+                    say::tell(format_args!("error: {error}"));
+                    worst = worst.and(Err(error));
+                }
+                result => result?,
+            }
+        }
+        worst
     })
+}
+
+/// Runs the command `fetch`.
+pub(crate) fn fetch_picture(args: FetchArgs) -> Result<()> {
+    tokio::runtime::Runtime::new()?.block_on(async {
+        let output = PictureFiles::check(&args.output)?;
+        let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
+        client.connect().await?;
+        fetch(&client, &client.status(args.job).await?, &output, None).await
+    })
+}
+
+/// A name for a job that renders a scene file: the file's own, or its folder's where that says nothing.
+fn name_of(scene: &Path) -> String {
+    let part = |part: Option<&OsStr>| part.map(|part| part.to_string_lossy().into_owned());
+    let file = part(scene.file_stem()).unwrap_or_default();
+    let folder = scene.canonicalize().ok();
+    let folder = folder.and_then(|scene| part(scene.parent()?.file_name()));
+    let mut name = match file.as_str() {
+        "scene" | "main" | "index" => folder.unwrap_or(file),
+        _ => file,
+    };
+    name.retain(|c| !c.is_control());
+    while name.len() > NAME_BYTES {
+        name.pop();
+    }
+    name
+}
+
+/// A job ended without all of its iterations.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum JobEnded {
+    /// It failed.
+    #[error("job {0} failed: {1}")]
+    Failed(JobId, String),
+    /// Somebody cancelled it.
+    #[error("job {0} was cancelled after {1} iterations")]
+    Cancelled(JobId, u64),
 }
 
 /// The command that goes on waiting.
@@ -128,8 +184,8 @@ pub(crate) async fn follow(client: &Client, asked: &JobStatus) -> Result<JobStat
     let status = status?;
     match status.state {
         JobState::Done => Ok(status),
-        JobState::Cancelled => bail!("job {id} was cancelled after {} iterations", status.iterations_done),
-        _ => bail!("job {id} failed: {}", failure(&status)),
+        JobState::Cancelled => Err(JobEnded::Cancelled(id, status.iterations_done).into()),
+        _ => Err(JobEnded::Failed(id, failure(&status)).into()),
     }
 }
 
@@ -227,6 +283,24 @@ mod tests {
         );
         found.spec.seed = 2;
         assert!(check_same(&asked, &found).is_err());
+    }
+
+    #[test]
+    fn jobs_are_called_as_their_scenes() {
+        for (scene, name) in [
+            ("glass.pbrt", "glass"),
+            ("a/ring.xml", "ring"),
+            ("a/b\u{7}.glb", "b"),
+            ("/nowhere/scene.xml", "scene"),
+        ] {
+            assert_eq!(name_of(Path::new(scene)), name);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("kitchen/scene.xml");
+        std::fs::create_dir(scene.parent().unwrap()).unwrap();
+        std::fs::write(&scene, "").unwrap();
+        assert_eq!(name_of(&scene), "kitchen");
+        assert_eq!(name_of(Path::new(&"ä".repeat(300))).len(), NAME_BYTES);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use tokio_util::io::ReaderStream;
 
 /// Keeps a manifest; the reply names the files to upload.
 #[utoipa::path(
-    post, path = "/v1/bundles", request_body = BundleManifest,
+    post, path = "/v1/bundles", operation_id = "create_bundle", request_body = BundleManifest,
     responses((status = 200, body = BundleReply), (status = "4XX", body = Problem))
 )]
 pub(super) async fn submit(
@@ -31,7 +31,7 @@ pub(super) async fn submit(
 
 /// The manifest of a bundle.
 #[utoipa::path(
-    get, path = "/v1/bundles/{hash}", params(("hash" = BlobHash, Path)),
+    get, path = "/v1/bundles/{hash}", operation_id = "get_bundle", params(("hash" = BlobHash, Path)),
     responses((status = 200, body = BundleManifest), (status = "4XX", body = Problem))
 )]
 pub(super) async fn manifest(
@@ -43,7 +43,7 @@ pub(super) async fn manifest(
 
 /// Uploads a file that a manifest names. Uploading it again changes nothing.
 #[utoipa::path(
-    put, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path)),
+    put, path = "/v1/blobs/{hash}", operation_id = "put_blob", params(("hash" = BlobHash, Path)),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
     responses((status = 201), (status = 204, description = "known already"), (status = "4XX", body = Problem))
 )]
@@ -73,7 +73,7 @@ pub(super) struct FileParams {
 
 /// The bytes of a file, perhaps from another place. The receiver verifies the hash.
 #[utoipa::path(
-    get, path = "/v1/blobs/{hash}", params(("hash" = BlobHash, Path), FileParams),
+    get, path = "/v1/blobs/{hash}", operation_id = "get_blob", params(("hash" = BlobHash, Path), FileParams),
     responses(
         (status = 200, content_type = "application/octet-stream"),
         (status = 307, description = "they are in the object store, at the URL in `Location`"),

@@ -23,7 +23,7 @@ const KEY_BYTES: usize = 255;
 
 /// Submits a job. With an `Idempotency-Key`, the same request gives the same job however often it is sent.
 #[utoipa::path(
-    post, path = "/v1/jobs", request_body = JobSpec,
+    post, path = "/v1/jobs", operation_id = "create_job", request_body = JobSpec,
     params(("Idempotency-Key" = Option<String>, Header, description = "any text of at most 255 bytes")),
     responses(
         (status = 201, body = JobStatus),
@@ -70,7 +70,7 @@ pub(super) struct PageParams {
 
 /// Jobs, newest first.
 #[utoipa::path(
-    get, path = "/v1/jobs", params(PageParams),
+    get, path = "/v1/jobs", operation_id = "list_jobs", params(PageParams),
     responses((status = 200, body = JobPage), (status = "4XX", body = Problem))
 )]
 pub(super) async fn list(
@@ -86,7 +86,7 @@ pub(super) async fn list(
 
 /// How far a job has come.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}", params(("id" = JobId, Path)),
+    get, path = "/v1/jobs/{id}", operation_id = "get_job", params(("id" = JobId, Path)),
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobStatus>, ApiError> {
@@ -95,7 +95,7 @@ pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Res
 
 /// Cancels a job. What has arrived stays. Cancelling a job that has ended changes nothing.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/cancel", params(("id" = JobId, Path)),
+    post, path = "/v1/jobs/{id}/cancel", operation_id = "cancel_job", params(("id" = JobId, Path)),
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn cancel(State(service): State<App>, Steered(id): Steered) -> Result<Json<JobStatus>, ApiError> {
@@ -104,7 +104,7 @@ pub(super) async fn cancel(State(service): State<App>, Steered(id): Steered) -> 
 
 /// Deletes a job that has ended, with its picture. One that goes on is refused: cancel it first.
 #[utoipa::path(
-    delete, path = "/v1/jobs/{id}", params(("id" = JobId, Path)),
+    delete, path = "/v1/jobs/{id}", operation_id = "delete_job", params(("id" = JobId, Path)),
     responses((status = 204), (status = "4XX", body = Problem))
 )]
 pub(super) async fn remove(State(service): State<App>, Steered(id): Steered) -> Result<StatusCode, ApiError> {
@@ -114,7 +114,7 @@ pub(super) async fn remove(State(service): State<App>, Steered(id): Steered) -> 
 
 /// The image as it stands, as OpenEXR with metadata.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.exr", params(("id" = JobId, Path)),
+    get, path = "/v1/jobs/{id}/image.exr", operation_id = "get_job_exr", params(("id" = JobId, Path)),
     responses((status = 200, content_type = "image/x-exr"), (status = 304), (status = "4XX", body = Problem))
 )]
 pub(super) async fn image_exr(
@@ -128,7 +128,7 @@ pub(super) async fn image_exr(
 
 /// The image as it stands, as PNG by a tone curve.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.png", params(("id" = JobId, Path)),
+    get, path = "/v1/jobs/{id}/image.png", operation_id = "get_job_png", params(("id" = JobId, Path)),
     responses((status = 200, content_type = "image/png"), (status = 304), (status = "4XX", body = Problem))
 )]
 pub(super) async fn image_png(

@@ -12,7 +12,7 @@ use photonfarm_proto::problem::Problem;
 
 /// Hands out no new work of a job. What is at work goes on to its end and counts.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/pause", params(("id" = JobId, Path)),
+    post, path = "/v1/jobs/{id}/pause", operation_id = "pause_job", params(("id" = JobId, Path)),
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn pause(State(service): State<App>, Steered(id): Steered) -> Result<Json<JobStatus>, ApiError> {
@@ -21,7 +21,7 @@ pub(super) async fn pause(State(service): State<App>, Steered(id): Steered) -> R
 
 /// Goes on with a job that was paused.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/resume", params(("id" = JobId, Path)),
+    post, path = "/v1/jobs/{id}/resume", operation_id = "resume_job", params(("id" = JobId, Path)),
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn resume(State(service): State<App>, Steered(id): Steered) -> Result<Json<JobStatus>, ApiError> {
@@ -31,7 +31,7 @@ pub(super) async fn resume(State(service): State<App>, Steered(id): Steered) -> 
 /// Asks for more iterations of a job that goes on or is done. Those in the image are not rendered again, and the image
 /// becomes that of a job with this number from the start.
 #[utoipa::path(
-    post, path = "/v1/jobs/{id}/extend", params(("id" = JobId, Path)), request_body = Extend,
+    post, path = "/v1/jobs/{id}/extend", operation_id = "extend_job", params(("id" = JobId, Path)), request_body = Extend,
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn extend(
@@ -45,7 +45,7 @@ pub(super) async fn extend(
 
 /// Sets the priority of a job: its weight among the jobs of its owner.
 #[utoipa::path(
-    put, path = "/v1/jobs/{id}/priority", params(("id" = JobId, Path)), request_body = SetPriority,
+    put, path = "/v1/jobs/{id}/priority", operation_id = "set_job_priority", params(("id" = JobId, Path)), request_body = SetPriority,
     responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn prioritize(
@@ -58,7 +58,7 @@ pub(super) async fn prioritize(
 
 /// Puts a worker into quarantine: it gets no work, and its unconfirmed work in jobs that go on is done again.
 #[utoipa::path(
-    post, path = "/v1/workers/{id}/quarantine", params(("id" = WorkerId, Path)), request_body = Quarantine,
+    post, path = "/v1/workers/{id}/quarantine", operation_id = "quarantine_worker", params(("id" = WorkerId, Path)), request_body = Quarantine,
     responses((status = 200, body = WorkerStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn quarantine(
@@ -71,7 +71,7 @@ pub(super) async fn quarantine(
 
 /// Lets a worker, and those of its name, out of quarantine.
 #[utoipa::path(
-    post, path = "/v1/workers/{id}/release", params(("id" = WorkerId, Path)),
+    post, path = "/v1/workers/{id}/release", operation_id = "release_worker", params(("id" = WorkerId, Path)),
     responses((status = 200, body = WorkerStatus), (status = "4XX", body = Problem))
 )]
 pub(super) async fn release(State(service): State<App>, Id(id): Id<WorkerId>) -> Result<Json<WorkerStatus>, ApiError> {

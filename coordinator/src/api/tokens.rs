@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 /// Makes a token. The reply is the only place where it can be read.
 #[utoipa::path(
-    post, path = "/v1/tokens", request_body = TokenRequest,
+    post, path = "/v1/tokens", operation_id = "create_token", request_body = TokenRequest,
     responses((status = 201, body = NewToken), (status = "4XX", body = Problem))
 )]
 pub(super) async fn create(
@@ -22,7 +22,7 @@ pub(super) async fn create(
 }
 
 /// The tokens of the farm, with what was used of their quotas.
-#[utoipa::path(get, path = "/v1/tokens", responses((status = 200, body = TokenList), (status = "4XX", body = Problem)))]
+#[utoipa::path(get, path = "/v1/tokens", operation_id = "list_tokens", responses((status = 200, body = TokenList), (status = "4XX", body = Problem)))]
 pub(super) async fn list(Extension(gate): Extension<Arc<Gate>>) -> Result<Json<TokenList>, ApiError> {
     Ok(Json(TokenList {
         tokens: gate.list().await?,
@@ -31,7 +31,7 @@ pub(super) async fn list(Extension(gate): Extension<Arc<Gate>>) -> Result<Json<T
 
 /// Revokes a token. Its jobs go on.
 #[utoipa::path(
-    delete, path = "/v1/tokens/{name}", params(("name" = String, Path)),
+    delete, path = "/v1/tokens/{name}", operation_id = "revoke_token", params(("name" = String, Path)),
     responses((status = 204), (status = "4XX", body = Problem))
 )]
 pub(super) async fn revoke(

@@ -4,8 +4,9 @@ use super::record::{Change, LeaseRecord, Millis, Origin, Principal, Standing, Wo
 use super::roster::{Skill, Worker};
 use super::{Decision, Farm, Refusal};
 use photonfarm_proto::api::WorkerStatus;
-use photonfarm_proto::id::WorkerId;
+use photonfarm_proto::id::{JobId, WorkerId};
 use photonfarm_proto::worker::Register;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 impl Farm {
@@ -25,8 +26,20 @@ impl Farm {
             quarantine: worker.record.standing.quarantine.clone(),
             silent_ms: now.saturating_sub(worker.last_seen_ms),
             leases: self.held.of(worker.id()).count() as u32,
+            jobs: self.held.of(worker.id()).map(|(job, _)| job).collect(),
+            iterations_per_second: self.speed_of(worker.id()),
         };
         self.workers.values().map(status).collect()
+    }
+
+    /// Iterations per second of a worker on the jobs that it is at work on, on average over these.
+    fn speed_of(&self, worker: WorkerId) -> Option<f64> {
+        let jobs: BTreeSet<JobId> = self.held.of(worker).map(|(job, _)| job).collect();
+        let seconds = jobs
+            .iter()
+            .filter_map(|job| self.jobs[job].pace.seconds_per_iteration(worker));
+        let (count, sum) = seconds.fold((0, 0.0), |(count, sum), seconds| (count + 1, sum + seconds));
+        (count > 0).then(|| f64::from(count) / sum)
     }
 
     pub(super) fn leases_of(&self, worker: WorkerId) -> impl Iterator<Item = &LeaseRecord> {

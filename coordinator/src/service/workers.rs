@@ -5,9 +5,9 @@ use crate::scheduler::record::{LeaseRecord, Millis, Origin};
 use crate::scheduler::{Asked, Decision, Farm, Refusal, Skill};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
-use photonfarm_proto::job::{Attempt, FailureKind};
+use photonfarm_proto::job::{Attempt, FailureKind, JobSpec};
 use photonfarm_proto::problem::{ErrorCode, Problem};
-use photonfarm_proto::schedule::check_tags;
+use photonfarm_proto::schedule::{Schedule, check_tags};
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{
     Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release, SceneReport,
@@ -131,7 +131,12 @@ impl Service {
                 expires_in_ms,
                 ends_in_ms: known.ms_left(now),
             },
-            spec: known.spec(),
+            // Workers need neither, and those of older builds may know other forms of them.
+            spec: JobSpec {
+                name: String::new(),
+                schedule: Schedule::default(),
+                ..known.spec()
+            },
         }))
     }
 

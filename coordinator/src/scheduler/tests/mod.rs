@@ -25,6 +25,7 @@ fn spec(iterations: u32) -> JobSpec {
         iterations,
         seed: 0,
         schedule: Default::default(),
+        name: String::new(),
     }
 }
 

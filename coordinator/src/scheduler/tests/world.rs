@@ -179,6 +179,7 @@ impl World {
             iterations,
             seed: 0,
             schedule,
+            name: String::new(),
         };
         let owner = if self.random.chance(50) { "ann" } else { "bob" };
         let decision = self.farm.submit(spec, owner.to_owned(), None, self.now);

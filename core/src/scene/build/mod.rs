@@ -258,8 +258,12 @@ impl<'b, 'f> Builder<'b, 'f> {
         wishes: Wishes,
         contents: SceneContents,
     ) -> Result<Scene, SceneError> {
-        // A sky alone is a picture.
-        if self.shapes.is_empty() && (self.lights.is_empty() || view.is_none()) {
+        let is_sky = |light: &Light| {
+            use Light::{Constant, Environment, Portal, Sun};
+            matches!(light, Constant { .. } | Environment { .. } | Portal { .. } | Sun { .. })
+        };
+        let sky_alone = view.is_some() && self.lights.iter().any(|(light, _)| is_sky(light));
+        if self.shapes.is_empty() && !sky_alone {
             return Err(missing(place, "a <shape> (the scene is empty)"));
         }
         if self.lights.is_empty() {

@@ -9,7 +9,6 @@ use super::shape::Made;
 use super::state::facing;
 use super::texture::Tint;
 use crate::light::Portal;
-use crate::math::Vec3;
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{Place, SceneError};
 use crate::scene::mesh::LARGEST_COORDINATE;
@@ -299,13 +298,10 @@ fn portal(parameters: &Parameters) -> Result<Option<Portal>, SceneError> {
     if !parameters.has("portal") {
         return Ok(None);
     }
-    let Some(corners) = parameters.groups::<3>("portal")? else {
+    let Some(numbers) = parameters.floats::<12>("portal")? else {
         return Ok(None);
     };
-    let Ok(corners) = <[[f32; 3]; 4]>::try_from(corners) else {
-        return parameters.fault("portal", "a portal has four points, its corners");
-    };
-    let corners = corners.map(Vec3::from_array);
+    let corners = [0, 3, 6, 9].map(|first| DVec3::from_slice(&numbers[first..]).as_vec3());
     let farthest = corners.map(|corner| corner.abs().max_element());
     if farthest.iter().any(|farthest| *farthest > LARGEST_COORDINATE) {
         return parameters.fault("portal", format!("it reaches beyond {LARGEST_COORDINATE:e}"));

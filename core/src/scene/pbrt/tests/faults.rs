@@ -31,7 +31,7 @@ fn faults_name_line_directive_and_parameter() {
         ("Shape \"sphere\" \"float radius\" -1", "`radius`: -1 is out of range"),
         (
             "WorldBegin\nLightSource \"infinite\"\n\"point3 portal\" [0 0 0 1 0 0 1 1 0]",
-            "main.pbrt:3: LightSource \"infinite\" `portal`: a portal has four points",
+            "main.pbrt:3: LightSource \"infinite\" `portal`: expected 12 numbers, found 9",
         ),
         (
             "WorldBegin\nLightSource \"infinite\"\n\"point3 portal\" [0 0 0 1 0 0 1 1 0 0 1 0.1]",

@@ -1,0 +1,228 @@
+//! Lists of jobs and workers for people: a line each, in columns.
+
+use comfy_table::{ContentArrangement, Table, presets};
+use indicatif::HumanDuration;
+use photonfarm_proto::api::WorkerStatus;
+use photonfarm_proto::job::{JobState, JobStatus};
+use photonfarm_proto::schedule::StopReason;
+use std::time::Duration;
+
+/// The longest text in a column, in characters: `jobs ID` and `--json` have all of it.
+const LONGEST: usize = 60;
+
+/// A table of jobs at the time `now_ms` [milliseconds since 1970, UTC].
+pub(crate) fn jobs(jobs: &[JobStatus], now_ms: u64) -> String {
+    let head = [
+        "JOB",
+        "NAME",
+        "STATE",
+        "ITERATIONS",
+        "AGE",
+        "LEFT",
+        "WORKERS",
+        "OWNER",
+        "NOTE",
+    ];
+    let rows = jobs.iter().map(|job| {
+        let left = match job.state {
+            JobState::Running => time_left(job).map_or(String::new(), short),
+            _ => String::new(),
+        };
+        let workers = match job.state.ended() {
+            true => String::new(),
+            false => job.workers.to_string(),
+        };
+        [
+            job.id.to_string(),
+            name(job),
+            state(job).to_owned(),
+            format!("{} of {}", job.iterations_done, job.spec.iterations),
+            short(Duration::from_millis(now_ms.saturating_sub(job.created_ms))),
+            left,
+            workers,
+            job.owner.clone(),
+            note(job),
+        ]
+    });
+    aligned(&head, rows)
+}
+
+/// A table of workers.
+pub(crate) fn workers(workers: &[WorkerStatus]) -> String {
+    let head = [
+        "WORKER",
+        "NAME",
+        "STATE",
+        "JOBS",
+        "SPEED",
+        "THREADS",
+        "HEARD",
+        "FROM",
+        "CONFIRMED",
+        "FAULTS",
+        "TAGS",
+        "RENDERER",
+        "NOTE",
+    ];
+    let rows = workers.iter().map(|worker| {
+        let state = match (&worker.quarantine, worker.leases) {
+            (Some(_), _) => "quarantine",
+            (None, 0) => "idle",
+            (None, _) => "working",
+        };
+        let from = match (worker.token.as_str(), worker.machine.as_str()) {
+            ("", machine) => machine.to_owned(),
+            (token, machine) => format!("{token}@{machine}"),
+        };
+        [
+            worker.id.to_string(),
+            worker.name.clone(),
+            state.to_owned(),
+            joined(worker.jobs.iter().map(ToString::to_string)),
+            worker.iterations_per_second.map_or(String::new(), speed),
+            worker.threads.to_string(),
+            format!("{} ago", short(Duration::from_millis(worker.silent_ms))),
+            from,
+            worker.verified.to_string(),
+            worker.faults.to_string(),
+            joined(worker.tags.iter().cloned()),
+            worker.renderer.clone(),
+            worker.quarantine.clone().unwrap_or_default(),
+        ]
+    });
+    aligned(&head, rows)
+}
+
+/// What a job is called: by whoever sent it, or as its scene file.
+pub(crate) fn name(job: &JobStatus) -> String {
+    match job.spec.name.as_str() {
+        "" => job.spec.main.clone(),
+        name => name.to_owned(),
+    }
+}
+
+/// Where a job stands, in a word.
+pub(crate) fn state(job: &JobStatus) -> &'static str {
+    match job.state {
+        _ if job.spec.schedule.paused && !job.state.ended() => "paused",
+        JobState::Queued => "queued",
+        JobState::Running => "running",
+        JobState::Done => "done",
+        JobState::Failed => "failed",
+        JobState::Cancelled => "cancelled",
+    }
+}
+
+/// Why it stopped, failed, or does not go on.
+pub(crate) fn note(job: &JobStatus) -> String {
+    let stop = job.stop.map(|stop| {
+        let reason = match stop.reason {
+            StopReason::Noise => "noise target",
+            StopReason::Deadline => "deadline",
+        };
+        format!("stopped by its {reason}, of {}", stop.asked)
+    });
+    let paused = job.spec.schedule.paused;
+    let waiting = job.waiting.as_ref().filter(|_| !paused);
+    let waiting = waiting.map(|reason| format!("waits: {reason}"));
+    stop.or(waiting).or_else(|| job.failure.clone()).unwrap_or_default()
+}
+
+/// Time until a job is done, at its pace of the last half minute.
+fn time_left(job: &JobStatus) -> Option<Duration> {
+    let left = u64::from(job.spec.iterations).saturating_sub(job.iterations_rendered) as f64;
+    let pace = job.iterations_per_second.filter(|pace| *pace > 0.0)?;
+    Duration::try_from_secs_f64(left / pace).ok()
+}
+
+fn short(time: Duration) -> String {
+    format!("{:#}", HumanDuration(time))
+}
+
+fn speed(iterations_per_second: f64) -> String {
+    match iterations_per_second >= 1.0 {
+        true => format!("{iterations_per_second:.1}/s"),
+        false => format!("{:.1}/min", 60.0 * iterations_per_second),
+    }
+}
+
+fn joined(parts: impl Iterator<Item = String>) -> String {
+    parts.collect::<Vec<_>>().join(",")
+}
+
+/// Columns without a content are left out.
+fn aligned<const N: usize>(head: &[&str; N], rows: impl Iterator<Item = [String; N]>) -> String {
+    let rows: Vec<[String; N]> = rows.collect();
+    let kept: Vec<usize> = (0..N)
+        .filter(|column| rows.iter().any(|row| !row[*column].is_empty()))
+        .collect();
+    let mut table = Table::new();
+    table
+        .load_preset(presets::NOTHING)
+        .set_content_arrangement(ContentArrangement::Disabled)
+        .set_header(kept.iter().map(|column| head[*column]));
+    for row in &rows {
+        table.add_row(kept.iter().map(|column| one_line(&row[*column])));
+    }
+    for column in table.column_iter_mut() {
+        column.set_padding((0, 2));
+    }
+    table.trim_fmt()
+}
+
+/// A text that fits a line: cut where it is long, and without what would move the cursor.
+fn one_line(text: &str) -> String {
+    let plain = text.chars().map(|c| if c.is_control() { ' ' } else { c });
+    match text.chars().count() > LONGEST {
+        true => plain.take(LONGEST - 1).chain(['…']).collect(),
+        false => plain.collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use photonfarm_proto::job::Totals;
+
+    fn job(change: impl FnOnce(&mut JobStatus)) -> JobStatus {
+        let mut job = serde_json::from_value(serde_json::json!({
+            "id": 7, "created_ms": 1000, "state": "running", "iterations_done": 4, "iterations_rendered": 4,
+            "poisoned": [], "totals": Totals::default(), "workers": 2, "iterations_per_second": 0.5, "spec": {
+                "scene": "0".repeat(64), "main": "scene.xml", "iterations": 64, "integrator": {"type": "path"}}}))
+        .unwrap();
+        change(&mut job);
+        job
+    }
+
+    #[test]
+    fn jobs_are_told_with_age_and_time_left() {
+        let running = job(|job| job.spec.name = "a ring".into());
+        let failed = job(|job| {
+            job.state = JobState::Failed;
+            job.failure = Some(format!("line one\nline two {}", "x".repeat(100)));
+        });
+        let text = jobs(&[running, failed], 1000 + 3_600_000 * 3);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 3, "{text}");
+        assert_eq!(
+            lines[0].split_whitespace().collect::<Vec<_>>(),
+            ["JOB", "NAME", "STATE", "ITERATIONS", "AGE", "LEFT", "WORKERS", "NOTE"]
+        );
+        let words: Vec<&str> = lines[1]
+            .split("  ")
+            .map(str::trim)
+            .filter(|word| !word.is_empty())
+            .collect();
+        assert_eq!(words, ["7", "a ring", "running", "4 of 64", "3h", "2m", "2"]);
+        assert!(
+            lines[2].contains("scene.xml") && lines[2].contains("line one line two"),
+            "{text}"
+        );
+        assert!(lines[2].ends_with('…') && lines[2].starts_with("7 "), "{text}");
+    }
+
+    #[test]
+    fn an_empty_list_has_no_columns() {
+        assert_eq!(jobs(&[], 0), "");
+    }
+}
