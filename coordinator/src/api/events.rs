@@ -18,11 +18,11 @@ use tokio::sync::watch;
 /// Least time between two events.
 const STEP: Duration = Duration::from_millis(200);
 /// How long a client whose stream broke waits before it asks again.
-const RETRY: Duration = Duration::from_secs(1);
+pub(super) const RETRY: Duration = Duration::from_secs(1);
 /// Says which event was the last that came; browsers send it when they ask again.
 const LAST_EVENT_ID: &str = "last-event-id";
 /// Keeps nginx, and what does as nginx does, from collecting events before it passes them on.
-const NO_BUFFERING: (HeaderName, HeaderValue) = (
+pub(super) const NO_BUFFERING: (HeaderName, HeaderValue) = (
     HeaderName::from_static("x-accel-buffering"),
     HeaderValue::from_static("no"),
 );
@@ -30,7 +30,7 @@ const NO_BUFFERING: (HeaderName, HeaderValue) = (
 /// The job's status whenever it changes: events `status`, and at last one `end`. The data is a `JobStatus`. Every event
 /// has an id; who sends that of the last one as `Last-Event-ID` gets what is new, and 204 where nothing more will come.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/events",
+    get, path = "/v1/jobs/{id}/events", operation_id = "watch_job",
     params(
         ("id" = JobId, Path),
         ("Last-Event-ID" = Option<String>, Header, description = "the id of the last event that came")

@@ -1,7 +1,7 @@
 //! Every request passes here: who sends it, and whether the route is for them.
 
 use super::extract::Id;
-use super::{ApiError, App, local};
+use super::{ApiError, App, local, session};
 use crate::access::{Caller, Gate, network};
 use crate::scheduler::record::Origin;
 use crate::server::Peer;
@@ -25,11 +25,12 @@ pub(super) async fn identify(
     next: Next,
 ) -> Result<Response, ApiError> {
     let peer = address(request.extensions().get::<Peer>());
-    let header = request
-        .headers()
-        .get(AUTHORIZATION)
-        .map(|value| value.to_str().unwrap_or(""));
-    let caller = gate.admit(header, peer).await?;
+    let header = request.headers().get(AUTHORIZATION);
+    let header = match header.map(|value| value.to_str().unwrap_or("").to_owned()) {
+        None => session::authorization(request.method(), request.headers())?,
+        header => header,
+    };
+    let caller = gate.admit(header.as_deref(), peer).await?;
     if caller.as_ref().is_some_and(Caller::is_anyone) {
         local::check(request.method(), request.headers())?;
     }

@@ -1,12 +1,15 @@
-//! The HTTP interface under `/v1`: JSON for clients, framed messages for workers, problem documents for errors.
+//! The HTTP interface under `/v1`: JSON for clients, framed messages for workers, problem documents for errors; and the page at `/`.
 
 mod bundles;
 mod events;
 mod extract;
+mod farm;
 mod guard;
 mod jobs;
 mod local;
 mod metrics;
+mod page;
+mod session;
 mod spool;
 mod steer;
 mod system;
@@ -140,7 +143,10 @@ async fn not_allowed() -> ApiError {
 }
 
 fn open_routes() -> Routes {
-    Routes::of(None).get("/v1/healthz", system::health)
+    Routes::of(None)
+        .get("/v1/healthz", system::health)
+        .get("/", page::index)
+        .get("/page/{name}", page::file)
 }
 
 fn read_routes() -> Routes {
@@ -150,6 +156,10 @@ fn read_routes() -> Routes {
         .get("/v1/jobs/{id}/image.exr", jobs::image_exr)
         .get("/v1/jobs/{id}/image.png", jobs::image_png)
         .get("/v1/jobs/{id}/events", events::events)
+        .get("/v1/events", farm::events)
+        .get("/v1/session", session::show)
+        .post("/v1/session", session::create)
+        .delete("/v1/session", session::end)
         .get("/v1/workers", system::workers)
         .get("/v1/openapi.json", system::openapi)
         .get("/metrics", metrics::metrics)
@@ -251,9 +261,23 @@ mod tests {
     use super::*;
     use std::collections::BTreeSet;
 
-    /// The worker protocol is no JSON, and figures are no part of the interface for programs that send jobs.
+    /// The worker protocol is no JSON; figures and the page are no part of the interface for programs that send jobs.
     fn is_described(path: &str) -> bool {
-        !path.starts_with("/v1/worker/") && path != "/metrics"
+        path.starts_with("/v1/") && !path.starts_with("/v1/worker/")
+    }
+
+    /// Makers of clients name their functions by them.
+    #[test]
+    fn every_operation_has_an_identifier_of_its_own() {
+        let document = serde_json::to_value(openapi()).unwrap();
+        let paths = document["paths"].as_object().unwrap().values();
+        let operations = paths.flat_map(|item| item.as_object().unwrap().values());
+        let identifiers: Vec<&str> = operations.map(|it| it["operationId"].as_str().unwrap()).collect();
+        assert_eq!(
+            identifiers.iter().collect::<BTreeSet<_>>().len(),
+            identifiers.len(),
+            "{identifiers:?}"
+        );
     }
 
     #[test]

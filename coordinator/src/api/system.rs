@@ -12,7 +12,7 @@ use utoipa::openapi::{ContentBuilder, Ref, Response, ResponseBuilder};
 use utoipa::{Modify, OpenApi};
 
 /// The workers heard of lately.
-#[utoipa::path(get, path = "/v1/workers", responses((status = 200, body = WorkerList)))]
+#[utoipa::path(get, path = "/v1/workers", operation_id = "list_workers", responses((status = 200, body = WorkerList)))]
 pub(super) async fn workers(State(service): State<App>) -> Result<Json<WorkerList>, ApiError> {
     Ok(Json(WorkerList {
         workers: service.workers().await?,
@@ -21,7 +21,7 @@ pub(super) async fn workers(State(service): State<App>) -> Result<Json<WorkerLis
 
 /// Whether the coordinator can use its stores, why jobs wait, and what it accepts. It is as of a few seconds ago, and
 /// costs nothing.
-#[utoipa::path(get, path = "/v1/healthz", responses((status = 200, body = Health), (status = "5XX", body = Problem)))]
+#[utoipa::path(get, path = "/v1/healthz", operation_id = "get_health", responses((status = 200, body = Health), (status = "5XX", body = Problem)))]
 pub(super) async fn health(State(service): State<App>) -> Result<Json<Health>, ApiError> {
     let found = service.found_obstacles();
     if let Some((_, obstacle)) = found.iter().find(|(part, _)| *part == Part::Answers) {
@@ -39,7 +39,7 @@ pub(super) async fn health(State(service): State<App>) -> Result<Json<Health>, A
 }
 
 /// This document.
-#[utoipa::path(get, path = "/v1/openapi.json", responses((status = 200, content_type = "application/json")))]
+#[utoipa::path(get, path = "/v1/openapi.json", operation_id = "get_openapi", responses((status = 200, content_type = "application/json")))]
 pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
     Json(super::openapi())
 }
@@ -60,6 +60,10 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         super::jobs::image_exr,
         super::jobs::image_png,
         super::events::events,
+        super::farm::events,
+        super::session::show,
+        super::session::create,
+        super::session::end,
         super::steer::pause,
         super::steer::resume,
         super::steer::extend,

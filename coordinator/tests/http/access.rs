@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use tokio::net::TcpListener;
 
-fn request(name: &str, role: Role) -> TokenRequest {
+pub(crate) fn request(name: &str, role: Role) -> TokenRequest {
     TokenRequest {
         name: name.into(),
         role,
@@ -28,13 +28,13 @@ fn request(name: &str, role: Role) -> TokenRequest {
 }
 
 /// A farm with an administrator's token.
-struct Closed {
-    farm: Farm,
+pub(crate) struct Closed {
+    pub(crate) farm: Farm,
     admin: String,
 }
 
 impl Closed {
-    async fn start() -> Self {
+    pub(crate) async fn start() -> Self {
         let farm = Farm::start().await;
         let reply = farm
             .post_json("tokens", &json!({"name": "boss", "role": "admin"}))
@@ -44,18 +44,18 @@ impl Closed {
         Self { farm, admin }
     }
 
-    async fn token(&self, request: &TokenRequest) -> String {
+    pub(crate) async fn token(&self, request: &TokenRequest) -> String {
         let reply = self.by(&self.admin, Method::POST, "tokens").json(request);
         let reply = reply.send().await.unwrap();
         assert_eq!(reply.status(), StatusCode::CREATED);
         reply.json::<NewToken>().await.unwrap().token
     }
 
-    fn by(&self, token: &str, method: Method, path: &str) -> RequestBuilder {
+    pub(crate) fn by(&self, token: &str, method: Method, path: &str) -> RequestBuilder {
         self.farm.request(method, path).bearer_auth(token)
     }
 
-    async fn submit(&self, token: &str, iterations: u32) -> Response {
+    pub(crate) async fn submit(&self, token: &str, iterations: u32) -> Response {
         self.submit_by("path", token, iterations).await
     }
 
@@ -80,13 +80,17 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 35] = [
+const ROUTES: [(&str, &str, &[Role]); 39] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
     ("GET", "/v1/jobs/{id}/image.exr", LOOKS),
     ("GET", "/v1/jobs/{id}/image.png", LOOKS),
     ("GET", "/v1/jobs/{id}/events", LOOKS),
+    ("GET", "/v1/events", LOOKS),
+    ("GET", "/v1/session", LOOKS),
+    ("POST", "/v1/session", LOOKS),
+    ("DELETE", "/v1/session", LOOKS),
     ("GET", "/v1/workers", LOOKS),
     ("GET", "/v1/openapi.json", LOOKS),
     ("GET", "/v1/bundles/{hash}", FETCHES),

@@ -3,6 +3,7 @@
 mod access;
 mod clients;
 mod connections;
+mod page;
 mod steering;
 mod support;
 mod workers;

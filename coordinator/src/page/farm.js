@@ -1,0 +1,41 @@
+// What the page knows of the farm: it asks by `fetch`, and hears what changes as server-sent events.
+// All addresses are relative, so that the farm may lie behind a prefix.
+
+/** An answer that is no success, with its status and what the farm says of it. */
+export class Refused extends Error {
+  constructor(status, message) {
+    super(message);
+    this.status = status;
+  }
+}
+
+/** Sends a request and reads the answer's JSON. */
+export async function ask(method, path, body, headers = {}) {
+  const json = body === undefined ? {} : { "content-type": "application/json" };
+  const answer = await fetch(`v1/${path}`, {
+    method,
+    headers: { ...json, ...headers },
+    body: body === undefined ? undefined : JSON.stringify(body),
+    cache: "no-store",
+  });
+  if (answer.ok) return answer.status === 204 ? null : answer.json();
+  const problem = await answer.json().catch(() => ({}));
+  throw new Refused(answer.status, problem.detail ?? problem.title ?? `the farm answers ${answer.status}`);
+}
+
+/** Follows the farm. `changed` is called after every change, `connected` with true or false. Returns what is known, and `stop`. */
+export function follow(changed, connected) {
+  const farm = { jobs: new Map(), workers: [], stop: () => source.close() };
+  const source = new EventSource("v1/events");
+  source.addEventListener("farm", (event) => {
+    const news = JSON.parse(event.data);
+    if (news.whole) farm.jobs.clear();
+    for (const job of news.jobs) farm.jobs.set(job.id, job);
+    for (const id of news.gone) farm.jobs.delete(id);
+    if (news.workers) farm.workers = news.workers;
+    connected(true);
+    changed();
+  });
+  source.addEventListener("error", () => connected(false, source.readyState === EventSource.CLOSED));
+  return farm;
+}

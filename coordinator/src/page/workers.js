@@ -1,0 +1,68 @@
+// The workers, and what is thought of them.
+
+import { ask } from "./farm.js";
+import { element, span } from "./words.js";
+
+export function workersView(farm, tell) {
+  const rows = element("tbody");
+  const head = ["Worker", "State", "", "Jobs", "Speed", "Threads", "Heard of", "From", "Confirmed", "Faults", "Tags", "Renderer"];
+  const table = element("table", {}, element("thead", {}, element("tr", {}, head.map((text) => element("th", { scope: "col" }, text || element("span", { class: "skip" }, "Actions"))))), rows);
+  const none = element("p", { hidden: true }, "No worker is there. ", element("code", {}, `photonfarm-worker --coordinator ${location.origin}`), " starts one.");
+  const node = element("section", {}, element("h1", {}, "Workers"), none, element("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Workers" }, table));
+  const known = new Map();
+  const act = async (run) => {
+    try {
+      await run();
+      tell("");
+    } catch (error) {
+      tell(error.message);
+    }
+  };
+  const row = (id) => {
+    const cells = head.slice(3).map(() => element("td"));
+    const state = element("td");
+    const name = element("th", { scope: "row" });
+    const isolate = element("button", { type: "button", class: "bad", click: () => act(() => ask("POST", `workers/${id}/quarantine`, { reason: "from the page" })) }, "Quarantine");
+    const release = element("button", { type: "button", click: () => act(() => ask("POST", `workers/${id}/release`, {})) }, "Release");
+    const node = element("tr", {}, name, state, element("td", {}, isolate, release), cells);
+    const update = (worker) => {
+      const speed = worker.iterations_per_second;
+      name.textContent = `${id}  ${worker.name}`;
+      [
+        worker.jobs.join(", "),
+        speed ? `${(60 * speed).toPrecision(3)} a minute` : "",
+        worker.threads,
+        `${span(worker.silent_ms / 1000)} ago`,
+        [worker.token, worker.machine].filter(Boolean).join("@"),
+        worker.verified,
+        worker.faults,
+        worker.tags.join(", "),
+        worker.renderer,
+      ].forEach((text, index) => (cells[index].textContent = text));
+      state.textContent = worker.quarantine ? `in quarantine: ${worker.quarantine}` : worker.leases > 0 ? "working" : "idle";
+      state.className = worker.quarantine ? "quarantine" : "";
+      isolate.hidden = Boolean(worker.quarantine);
+      release.hidden = !worker.quarantine;
+    };
+    return { node, update };
+  };
+  const update = () => {
+    none.hidden = farm.workers.length > 0;
+    table.hidden = farm.workers.length === 0;
+    const here = new Set(farm.workers.map((worker) => worker.id));
+    for (const [id, { node }] of known) {
+      if (!here.has(id)) {
+        node.remove();
+        known.delete(id);
+      }
+    }
+    for (const worker of farm.workers) {
+      if (!known.has(worker.id)) {
+        known.set(worker.id, row(worker.id));
+        rows.append(known.get(worker.id).node);
+      }
+      known.get(worker.id).update(worker);
+    }
+  };
+  return { title: "Workers", node, update };
+}
