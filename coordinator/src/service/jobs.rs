@@ -91,7 +91,9 @@ impl Service {
         if let Some(key) = &key
             && let Some(known) = self.stores.state.job_by_key(key.clone()).await?
         {
-            if known.head.spec != spec {
+            // A name changes nothing: the same scene in another folder is the same job.
+            let name = known.head.spec.name.clone();
+            if known.head.spec != (JobSpec { name, ..spec }) {
                 let detail = format!(
                     "the key belongs to job {}, which asks for something else",
                     known.head.id

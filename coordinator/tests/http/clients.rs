@@ -188,6 +188,13 @@ async fn a_key_makes_a_submission_repeatable() {
     let again = post(&four, "one").await;
     assert_eq!(again.status(), StatusCode::OK);
     assert_eq!(again.json::<JobStatus>().await.unwrap().id, JobId(1));
+    let mut named = four.clone();
+    named["name"] = "ring".into();
+    assert_eq!(
+        post(&named, "one").await.status(),
+        StatusCode::OK,
+        "a name changes nothing"
+    );
     expect_problem(post(&five, "one").await, ErrorCode::IdempotencyKeyReused).await;
     expect_problem(post(&five, &"k".repeat(256)).await, ErrorCode::Malformed).await;
     assert_eq!(post(&four, "two").await.json::<JobStatus>().await.unwrap().id, JobId(2));
