@@ -407,7 +407,11 @@ mod tests {
             let (job, scene) = prepare(folder.path(), &from);
             let farm = FarmFolder::beside(Some(&folder.path().join("a.partial.exr"))).unwrap();
             assert!(matches!(farm, FarmFolder::Kept(_)));
-            let rest = complete(render(&job, Arc::new(scene), farm.path(), 1, pending()).await.unwrap());
+            let rest = complete(
+                render(&job, Arc::new(scene), farm.path(), 1, none, pending())
+                    .await
+                    .unwrap(),
+            );
             assert!(
                 rest.exr == whole.exr && rest.png == whole.png,
                 "{integrator}: other bits"
@@ -415,7 +419,7 @@ mod tests {
             let counts = |rendered: &Rendered| rendered.status.totals.counts;
             assert_eq!(counts(&rest), counts(&whole), "every iteration counts once");
             let (other, scene) = prepare(folder.path(), "--iterations 41");
-            let error = render(&other, Arc::new(scene), farm.path(), 1, pending()).await;
+            let error = render(&other, Arc::new(scene), farm.path(), 1, none, pending()).await;
             let error = error.err().unwrap().to_string();
             assert!(error.contains("another picture"), "{error}");
         }
