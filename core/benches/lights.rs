@@ -3,7 +3,7 @@
 //!     cargo bench -p photonfarm-core --bench lights
 //!
 //! `divan` prints items per second on one thread. A choice takes time that grows as the logarithm of the number of lights, and with
-//! misses of the cache; the radiance that a ray meets outside takes none for the lights that it cannot meet.
+//! misses of the cache.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -48,20 +48,6 @@ fn sample_direct(bencher: Bencher, number: u32) {
             })
             .map(|sample| sample.distance)
             .filter(|distance| distance.is_finite())
-            .sum::<f32>()
-    });
-}
-
-/// What rays meet that hit nothing: radiance and density; items are rays.
-#[divan::bench(args = NUMBERS)]
-fn escaped_rays(bencher: Bencher, number: u32) {
-    let (lights, _) = lights(number);
-    bencher.counter(ItemsCount::new(CHOICES)).bench(|| {
-        (0..CHOICES)
-            .map(|path| {
-                let direction = square_to_sphere(PathRandom::new(3, 1, Stream::Camera, path).next_2d());
-                lights.background(direction).luminance() * lights.pdf_background(direction)
-            })
             .sum::<f32>()
     });
 }
