@@ -259,7 +259,7 @@ fn paths_that_lead_nowhere() {
         }
     }
     for path in [
-        "/",
+        "/page/none.js",
         "/v1",
         "/v2/jobs",
         "/v1/jobs?cursor=x",
