@@ -63,7 +63,7 @@ fn a_restored_farm_gives_no_number_twice_and_nobody_gets_the_picture_of_another(
         numbers.push(new);
     }
     let (status, _, errors) = waiting.finish();
-    assert_eq!(status.code(), Some(1), "{errors}");
+    assert_eq!(status.code(), Some(6), "{errors}");
     assert!(errors.contains(&awaited.to_string()), "{errors}");
     assert!(!picture.exists(), "a picture of nobody knows which job");
     let restored = wait_for("the restored farm", || farm.client.health()?.ok()).farm;
