@@ -103,14 +103,27 @@ fn a_scene_is_checked_without_being_rendered() {
 #[test]
 fn an_animated_scene_is_seen_at_a_frame() {
     let arm = scene("gltf/arm.glb");
-    let bounds = |options: &[&str]| {
-        let output = photonfarm(&[&["check", text(&arm), "--json"], options].concat());
-        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        report["bounds"].clone()
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("a.exr");
+    let render = [
+        "render",
+        text(&arm),
+        "-o",
+        text(&output),
+        "--integrator",
+        "path",
+        "--iterations",
+        "1",
+        "-D",
+        "width=16",
+    ];
+    let picture = |options: &[&str]| {
+        printed(&photonfarm(&[&render, options].concat()));
+        fs::read(folder.path().join("a.png")).unwrap()
     };
-    let moved = bounds(&["--frame", "6.5"]);
-    assert_eq!(moved, bounds(&["-D", "frame=6.5"]));
-    assert_ne!(moved, bounds(&[]));
+    let moved = picture(&["--frame", "6.5"]);
+    assert!(moved == picture(&["-D", "frame=6.5"]), "the two say the same");
+    assert!(moved != picture(&[]), "the arm moves");
     let twice = refusal(&["check", text(&arm), "--frame", "-1", "-D", "frame=2"]);
     assert!(twice.contains("frame is given twice"), "{twice}");
 }
@@ -351,6 +364,8 @@ fn coordinators_that_are_not_there_are_refused_with_advice() {
         .unwrap()
         .port();
     let url = format!("http://127.0.0.1:{port}");
-    let errors = refusal(&["submit", text(&scene), "--coordinator", &url]);
+    let output = photonfarm(&["submit", text(&scene), "--coordinator", &url]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(5), "{errors}");
     assert!(errors.contains("photonfarm serve"), "{errors}");
 }
