@@ -23,6 +23,18 @@ export async function ask(method, path, body, headers = {}) {
   throw new Refused(answer.status, problem.detail ?? problem.title ?? `the farm answers ${answer.status}`);
 }
 
+/** What runs a request and tells what went wrong, or takes away what was told. */
+export function acting(tell) {
+  return async (run) => {
+    try {
+      await run();
+      tell("");
+    } catch (error) {
+      tell(error.message);
+    }
+  };
+}
+
 /** Follows the farm. `changed` is called after every change, `connected` with true or false. Returns what is known, and `stop`. */
 export function follow(changed, connected) {
   const farm = { jobs: new Map(), workers: [], stop: () => source.close() };

@@ -1,6 +1,6 @@
 // One job: its picture as it sharpens, what it does, and what can be done with it.
 
-import { ask } from "./farm.js";
+import { acting, ask } from "./farm.js";
 import { pictureOf } from "./jobs.js";
 import { element, ended, nameOf, progressOf, reasonOf, since, span, stateOf } from "./words.js";
 
@@ -103,14 +103,7 @@ export function jobView(farm, id, tell) {
   const links = element("p", {}, element("a", { href: `v1/jobs/${id}/image.exr`, download: `job-${id}.exr` }, "OpenEXR"), " ", element("a", { href: `v1/jobs/${id}/image.png`, download: `job-${id}.png` }, "PNG"));
   const [list, settings] = [element("dl"), element("pre", { tabindex: 0 })];
   const [warnings, failures] = [element("section"), element("section")];
-  const act = async (run) => {
-    try {
-      await run();
-      tell("");
-    } catch (error) {
-      tell(error.message);
-    }
-  };
+  const act = acting(tell);
   const actions = actionsView(id, act);
   const bar = element("progress", { "aria-label": "iterations" });
   const body = element("div", {}, bar, picture.nodes, links, actions.nodes, element("h2", {}, "Now"), list, warnings, failures, element("h2", {}, "Settings"), settings);

@@ -1,6 +1,6 @@
 // The workers, and what is thought of them.
 
-import { ask } from "./farm.js";
+import { acting, ask } from "./farm.js";
 import { element, span } from "./words.js";
 
 export function workersView(farm, tell) {
@@ -10,14 +10,7 @@ export function workersView(farm, tell) {
   const none = element("p", { hidden: true }, "No worker is there. ", element("code", {}, `photonfarm-worker --coordinator ${location.origin}`), " starts one.");
   const node = element("section", {}, element("h1", {}, "Workers"), none, element("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Workers" }, table));
   const known = new Map();
-  const act = async (run) => {
-    try {
-      await run();
-      tell("");
-    } catch (error) {
-      tell(error.message);
-    }
-  };
+  const act = acting(tell);
   const row = (id) => {
     const cells = head.slice(3).map(() => element("td"));
     const state = element("td");
