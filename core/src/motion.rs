@@ -81,12 +81,8 @@ impl Scene {
         let meter = self.meter.as_ref();
         Self {
             meter: meter.map(|meter| ShapeSampler::new(&geometry, meter.shape())),
-            whole: self.whole.clone(),
             lights: self.lights.moved(&geometry, moved_lights),
-            geometry,
-            hide_emitters: self.hide_emitters,
-            bindings: Arc::clone(&self.bindings),
-            materials: Arc::clone(&self.materials),
+            geometry: Arc::new(geometry),
             sensor: Sensor {
                 to_world: motion
                     .sensor
@@ -94,14 +90,9 @@ impl Scene {
                     .map_or(self.sensor.to_world, |to_world| to_world.at(time)),
                 ..self.sensor.clone()
             },
-            film: self.film.clone(),
-            contents: self.contents.clone(),
-            wishes: self.wishes.clone(),
-            warnings: self.warnings.clone(),
             notes: Vec::new(),
             motion: None,
-            tiles: self.tiles.clone(),
-            small_lamp: self.small_lamp.clone(),
+            ..self.clone()
         }
     }
 }

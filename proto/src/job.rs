@@ -5,6 +5,7 @@ use crate::id::{BlobHash, JobId, WorkerId};
 use crate::limits::{LimitError, Limits, within};
 use crate::schedule::{Checkpoint, Schedule, Stop};
 use crate::waiting::Waiting;
+use photonfarm_core::integrator::layers::{LayerError, Layers};
 use photonfarm_core::integrator::{self, Counts};
 use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
 use serde::{Deserialize, Serialize};
@@ -40,6 +41,11 @@ pub struct JobSpec {
     /// When and where it is worked on, and when it stops.
     #[serde(default, skip_serializing_if = "Schedule::is_default")]
     pub schedule: Schedule,
+    /// Layers beside the picture: `alpha`, `albedo`, `normal`, `depth`, `position`, `halves`, `lamp:NAME` for the light of a lamp of the
+    /// scene, `lamp:NAME+NAME` for that of several, `lamp:*` for that of all which no other layer names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 16, example = json!(["albedo", "lamp:*"]))]
+    pub layers: Vec<String>,
     /// A name for people, which changes nothing in the picture and need not be the only one of its kind.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     #[schema(max_length = 200)]
@@ -69,11 +75,22 @@ impl JobSpec {
         if let Some(sensor) = &self.sensor {
             bytes_within("the length of the sensor's name in bytes", sensor.len())?;
         }
+        self.layers()
+            .and_then(|layers| layers.check_integrator(self.integrator.with_defaults()))
+            .map_err(|error| LimitError::invalid("layers", error.to_string()))?;
         if self.name.len() > NAME_BYTES || self.name.chars().any(char::is_control) {
             let reason = format!("a name is text of at most {NAME_BYTES} bytes without control characters");
             return Err(LimitError::invalid("name", reason));
         }
         self.schedule.check()
+    }
+
+    /// The layers.
+    ///
+    /// # Errors
+    /// Names that no layers have.
+    pub fn layers(&self) -> Result<Layers, LayerError> {
+        Layers::parse(&self.layers)
     }
 }
 
@@ -385,6 +402,7 @@ mod tests {
             iterations: 4,
             seed: 0,
             schedule: Default::default(),
+            layers: Vec::new(),
             name: String::new(),
         };
         assert!(spec.check(&limits, &bundle).is_ok());

@@ -138,13 +138,18 @@ pub struct Problem {
     pub retryable: bool,
     /// Path of the offending field of the body.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub field: Option<String>,
+    #[schema(value_type = Option<String>)]
+    pub field: Option<Box<str>>,
     /// Line of the offending text of the body.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub line: Option<u64>,
+    pub line: Option<u32>,
     /// Seconds to wait before the same request; also in the header `Retry-After`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub retry_after_s: Option<u16>,
+    /// The name of the request, which the farm's log has too; also in the header `X-Request-Id`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    pub request_id: Option<Box<str>>,
 }
 
 impl Problem {
@@ -160,14 +165,15 @@ impl Problem {
             field: None,
             line: None,
             retry_after_s: None,
+            request_id: None,
         }
     }
 
     /// Names the field, and the line where it is known.
     #[must_use]
     pub fn at(mut self, field: impl Into<String>, line: Option<u64>) -> Self {
-        self.field = Some(field.into());
-        self.line = line;
+        self.field = Some(field.into().into());
+        self.line = line.and_then(|line| line.try_into().ok());
         self
     }
 

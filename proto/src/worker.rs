@@ -366,6 +366,7 @@ mod tests {
             iterations: 64,
             seed: u64::MAX,
             schedule: Default::default(),
+            layers: Vec::new(),
             name: String::new(),
         };
         LeaseReply {

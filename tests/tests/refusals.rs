@@ -293,6 +293,7 @@ fn a_picture_is_repeated_and_what_cannot_repeat_it_is_refused() {
         width: decoded.width,
         height: decoded.height,
         iterations: metadata.iterations,
+        odd_iterations: metadata.iterations.div_ceil(2),
         pixels: decoded.pixels,
         standard_error: decoded.standard_error,
     };
@@ -302,7 +303,7 @@ fn a_picture_is_repeated_and_what_cannot_repeat_it_is_refused() {
             renderer,
             ..metadata.clone()
         };
-        fs::write(path("old.exr"), picture::encode_exr(&image, &other).unwrap()).unwrap();
+        fs::write(path("old.exr"), picture::encode_exr(&image, vec![], &other).unwrap()).unwrap();
         let errors = refused("a.xml", &path("old.exr"));
         assert!(errors.contains(said), "{errors}");
     }

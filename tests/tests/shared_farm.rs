@@ -1,5 +1,5 @@
 //! Two coordinators of one farm, on PostgreSQL and an S3-compatible store, behind a load balancer: one of them is
-//! killed, and the picture is that of one process alone.
+//! killed, and the picture is that of one process alone, with all of its layers.
 
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_test_servers::{Postgres, S3};
@@ -7,7 +7,7 @@ use photonfarm_tests::farm::balance;
 use photonfarm_tests::processes::{Process, get, jobs, photonfarm, printed, scene, serve_with, wait_for};
 
 const ITERATIONS: u64 = 24;
-const JOB: [&str; 10] = [
+const JOB: [&str; 18] = [
     "--iterations",
     "24",
     "--seed",
@@ -18,6 +18,14 @@ const JOB: [&str; 10] = [
     "samples=4",
     "--integrator",
     "pppm",
+    "--layer",
+    "albedo",
+    "--layer",
+    "position",
+    "--layer",
+    "halves",
+    "--layer",
+    "lamp:*",
 ];
 
 fn job(url: &str) -> Option<JobStatus> {

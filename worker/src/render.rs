@@ -2,6 +2,7 @@
 
 use crate::cache::{BundleFiles, FileError};
 use bytes::Bytes;
+use photonfarm_core::integrator::layers::Layers;
 use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
 use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles, Wishes};
 use photonfarm_core::settings::IntegratorSettings;
@@ -16,7 +17,7 @@ pub trait Renderer: Send + Sync + 'static {
 
 /// A scene ready to be rendered.
 pub trait LoadedScene: Send + Sync {
-    /// Pixels across and down.
+    /// Pixels across and down, of the picture and the planes of layers below it.
     fn resolution(&self) -> [u32; 2];
     /// Settings that the scene carries.
     fn wishes(&self) -> Wishes;
@@ -26,7 +27,7 @@ pub trait LoadedScene: Send + Sync {
     }
     /// The bandwidth of an iteration that goes on from the statistics `before`, if the integrator has one.
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange>;
-    /// Renders an iteration on the current rayon pool; see [`integrator::render_next`].
+    /// Renders an iteration on the current rayon pool; see [`integrator::render_with_layers`].
     fn render(
         &self,
         settings: &IntegratorSettings,
@@ -45,7 +46,10 @@ impl Renderer for CoreRenderer {
     fn load(&self, files: &BundleFiles, spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String> {
         let limits = Limits::default();
         let scene = Scene::load_sensor(files, &spec.main, &spec.defines, spec.sensor.as_deref(), &limits);
-        Ok(Arc::new(CoreScene(scene.map_err(|error| error.to_string())?)))
+        let scene = scene.map_err(|error| error.to_string())?;
+        let layers = spec.layers().map_err(|error| error.to_string())?;
+        layers.check_scene(&scene).map_err(|error| error.to_string())?;
+        Ok(Arc::new(CoreScene { scene, layers }))
     }
 }
 
@@ -69,26 +73,31 @@ impl SceneFiles for BundleFiles {
 
 /// A scene of the core.
 #[derive(Debug)]
-pub struct CoreScene(pub Scene);
+pub struct CoreScene {
+    /// The scene.
+    pub scene: Scene,
+    /// What is rendered beside the picture.
+    pub layers: Layers,
+}
 
 impl LoadedScene for CoreScene {
     fn resolution(&self) -> [u32; 2] {
-        self.0.film.resolution
+        self.layers.stacked(self.scene.film.resolution)
     }
 
     fn wishes(&self) -> Wishes {
-        self.0.wishes.clone()
+        self.scene.wishes.clone()
     }
 
     fn warnings(&self) -> Vec<String> {
-        self.0.warnings.iter().map(ToString::to_string).collect()
+        self.scene.warnings.iter().map(ToString::to_string).collect()
     }
 
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {
         if let Some(sigma) = integrator::radius_range(before) {
             return Some(BandwidthRange { sigma, theta: None });
         }
-        let bandwidth = integrator::bandwidth(&self.0, settings, iteration)?;
+        let bandwidth = integrator::bandwidth(&self.scene, settings, iteration)?;
         let has_angle = settings.integrator().has_angle();
         Some(BandwidthRange::one(
             bandwidth.sigma,
@@ -104,6 +113,6 @@ impl LoadedScene for CoreScene {
         before: &[f32],
         observer: &dyn Observer,
     ) -> Result<Iteration, RenderError> {
-        integrator::render_next(&self.0, settings, seed, iteration, before, observer)
+        integrator::render_with_layers(&self.scene, &self.layers, settings, seed, iteration, before, observer)
     }
 }

@@ -128,7 +128,7 @@ pub struct Worker {
 }
 
 /// What makes two jobs share a loaded scene.
-type SceneKey = (BlobHash, String, BTreeMap<String, String>, Option<String>);
+type SceneKey = (BlobHash, String, BTreeMap<String, String>, Option<String>, Vec<String>);
 
 /// The coordinator's terms, as of the last registration.
 #[derive(Clone, Copy)]
@@ -465,7 +465,8 @@ impl Worker {
 
     /// The scene of a job, loaded before or now.
     async fn load(&mut self, spec: &JobSpec, drain: &CancellationToken) -> Result<Arc<dyn LoadedScene>, LoadError> {
-        let key = (spec.scene, spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
+        let (main, defines, sensor) = (spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
+        let key = (spec.scene, main, defines, sensor, spec.layers.clone());
         if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
             return Ok(scene.clone());
         }

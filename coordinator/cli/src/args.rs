@@ -44,6 +44,8 @@ Examples:
       Gives values to the scene's <default> parameters.
   photonfarm render scene.xml -o again.exr --from image.exr
       Repeats a picture, bit for bit, with the settings that it names.
+  photonfarm render scene.xml -o image.exr --layer albedo --layer normal --layer lamp:key --layer 'lamp:*'
+      Layers for a compositor in the same file: what is seen first, and the light of each lamp.
   photonfarm render scene.xml --sensor floor -o lux.csv
       Writes what a meter measures as a table: of a grid on a rectangle a line for each place.
   photonfarm render scene.xml -o image.exr --from image.partial.exr
@@ -457,6 +459,10 @@ pub(crate) struct JobArgs {
     /// Sensor to see the scene through, by its id or its number from 1 [default: the first]
     #[arg(long, value_name = "N|ID")]
     pub(crate) sensor: Option<String>,
+    /// A layer of the picture's file (repeatable): alpha, albedo, normal, depth, position, halves (odd and even iterations),
+    /// lamp:NAME for the light of one lamp, lamp:A+B for that of several, lamp:* for that of all the others; `check` lists the lamps
+    #[arg(long, value_name = "NAME")]
+    pub(crate) layer: Vec<String>,
     #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = set_help())]
     pub(crate) set: Vec<(String, String)>,
     /// Refuse a scene of which something is left out or replaced, or that is probably not meant so: warnings of the scene are errors
@@ -467,7 +473,7 @@ pub(crate) struct JobArgs {
     pub(crate) verbose: bool,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
-    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "frame", "sensor", "set"])]
+    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "frame", "sensor", "layer", "set"])]
     pub(crate) from: Option<PathBuf>,
 }
 

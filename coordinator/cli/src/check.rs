@@ -7,7 +7,7 @@ use anyhow::Result;
 use photonfarm_core::scene::{Scene, SceneContents, SceneFaults};
 use photonfarm_core::settings::IntegratorSettings;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 /// What is said of a scene.
@@ -18,6 +18,8 @@ struct Report {
     #[serde(flatten)]
     contents: SceneContents,
     /// Pixels across and down.
+    /// Names of the lights, for layers.
+    lamps: BTreeSet<String>,
     resolution: [u32; 2],
     /// Lower and upper corner of all shapes [scene units].
     bounds: [[f32; 3]; 2],
@@ -82,6 +84,7 @@ impl Report {
         Self {
             scene: job.spec.main.clone(),
             contents: scene.contents.clone(),
+            lamps: scene.lamps.iter().cloned().collect(),
             resolution: scene.film.resolution,
             bounds: [lower.to_array(), upper.to_array()],
             integrator: job.spec.integrator.with_defaults().clone(),
@@ -103,6 +106,7 @@ impl Report {
         let mesh = format!("{} triangles, {} vertices", contents.triangles, contents.vertices);
         say("shapes", format!("{}; {mesh}", by_type(&contents.shapes)));
         say("lights", by_type(&contents.lights));
+        say("lamps", some(&self.lamps));
         say("materials", by_type(&contents.materials));
         say(
             "textures",
@@ -134,6 +138,15 @@ impl Report {
         }
         text.truncate(text.trim_end().len());
         text
+    }
+}
+
+/// The first of some names.
+fn some(names: &BTreeSet<String>) -> String {
+    let first: Vec<&str> = names.iter().take(FILES_SHOWN).map(String::as_str).collect();
+    match names.len().saturating_sub(FILES_SHOWN) {
+        0 => first.join(", "),
+        more => format!("{} and {more} more, which --json names", first.join(", ")),
     }
 }
 

@@ -5,7 +5,9 @@ use crate::repeat::OldPicture;
 use crate::{say, settings};
 use anyhow::{Context, Result, anyhow, bail};
 use bytes::Bytes;
+use photonfarm_core::integrator::layers::{LayerError, Layers};
 use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder, SceneWarning};
+use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::job::JobSpec;
@@ -78,6 +80,11 @@ impl PreparedJob {
             (None, Some(iterations)) => iterations.get(),
             (None, None) => settings::default_iterations(&integrator, &scene.wishes),
         };
+        let layers = match &old {
+            Some(old) => old.metadata.layers.clone(),
+            None => args.layer.clone(),
+        };
+        check_layers(&layers, &integrator, &scene).context("--layer")?;
         let mut manifest = BundleManifest::default();
         let mut contents = BTreeMap::new();
         for (name, bytes) in recorded.into_files() {
@@ -97,6 +104,7 @@ impl PreparedJob {
             iterations,
             seed: old.map_or(args.seed, |old| old.metadata.seed),
             schedule: Default::default(),
+            layers,
             name: String::new(),
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos();
@@ -111,6 +119,13 @@ impl PreparedJob {
             scene,
         ))
     }
+}
+
+/// Checks that the integrator and the scene have the layers that are asked for.
+fn check_layers(names: &[String], integrator: &IntegratorSettings, scene: &Scene) -> Result<(), LayerError> {
+    let layers = Layers::parse(names)?;
+    layers.check_integrator(integrator)?;
+    layers.check_scene(scene)
 }
 
 /// Refuses a scene with warnings where that is asked for.

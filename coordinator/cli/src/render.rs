@@ -44,9 +44,10 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let runtime = tokio::runtime::Runtime::new()?;
     let threads = args.threads.map_or_else(default_threads, NonZeroUsize::get);
     let interrupt = tokio::signal::ctrl_c();
-    let scene = Arc::new(CoreScene(scene));
+    let layers = job.spec.layers()?;
+    let scene = Arc::new(CoreScene { scene, layers });
     let preview = async |client: &Client, job: JobId| match args.preview {
-        Some(seconds) => previews(client, job, Duration::from_secs_f64(seconds), &output, &scene.0).await,
+        Some(seconds) => previews(client, job, Duration::from_secs_f64(seconds), &output, &scene.scene).await,
         None => std::future::pending().await,
     };
     let result = runtime.block_on(render(&job, scene.clone(), farm.path(), threads, preview, interrupt));
@@ -56,10 +57,10 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         Ending::Complete(rendered) => rendered,
         Ending::Interrupted(partial) => return keep_partial(&args, farm, partial.as_ref()),
     };
-    output.write(&rendered, &scene.0)?;
+    output.write(&rendered, &scene.scene)?;
     farm.remove()?;
     say::tell(format_args!("{}: {}", output.names, submit::in_words(&rendered.exr)?));
-    submit::tell_if_black(&rendered.exr, Some(&scene.0))?;
+    submit::tell_if_black(&rendered.exr, Some(&scene.scene))?;
     if let Some(stats) = stats {
         let wall_seconds = started.elapsed().as_secs_f64();
         stats.write(&Stats::new(&rendered.status, threads, wall_seconds, load_seconds).to_json()?)?;
@@ -351,7 +352,8 @@ mod tests {
             panic!("{line}")
         };
         let (job, scene) = PreparedJob::new(&args.job).unwrap();
-        (job, CoreScene(scene))
+        let layers = job.spec.layers().unwrap();
+        (job, CoreScene { scene, layers })
     }
 
     /// No preview.

@@ -1,10 +1,11 @@
 //! Figures of the farm in the text format of Prometheus, for dashboards and for scaling the number of workers.
 
 use super::App;
-use crate::service::{Part, ServiceError};
+use crate::service::{Durations, LEASE_SECONDS, Part, ServiceError, VERSION};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
+use photonfarm_proto::RENDERER;
 use photonfarm_proto::waiting::Waiting;
 use std::fmt::Write;
 use std::sync::atomic::Ordering;
@@ -20,9 +21,17 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub(super) async fn metrics(State(service): State<App>) -> impl IntoResponse {
     let state = tokio::time::timeout(PATIENCE, figures_of_state(&service)).await;
     let mut text = state.ok().and_then(Result::ok).unwrap_or_default();
+    figure_of_build(&mut text);
     figures_of_stores(&mut text, &service);
     figures_since_start(&mut text, &service);
     ([(header::CONTENT_TYPE, MEDIA_TYPE)], text)
+}
+
+/// Which build this is: always 1, for joining with other figures.
+fn figure_of_build(text: &mut String) {
+    let labels = format!("version=\"{VERSION}\",renderer=\"{RENDERER}\"");
+    let help = "The build of this coordinator, and the renderer whose bits its jobs have.";
+    family(text, ("build_info", "gauge"), help, &[(labels, 1)]);
 }
 
 /// Jobs and workers.
@@ -98,10 +107,45 @@ fn figures_since_start(text: &mut String, service: &App) {
         "Connections closed at once, since their address had too many.",
         service.refused_connections.load(Ordering::Relaxed),
     );
+    let [nodes, iterations] = service.counts.committed();
+    counter("nodes_committed_total", "Nodes that came to count.", nodes);
+    counter(
+        "iterations_committed_total",
+        "Iterations in nodes that came to count; what is rendered again counts again.",
+        iterations,
+    );
+    counter(
+        "nodes_merged_total",
+        "Nodes that were merged into greater ones.",
+        service.counts.nodes_merged(),
+    );
+    counter(
+        "nodes_lost_total",
+        "Nodes that counted and do so no more: damaged, untrusted, left or replaced.",
+        service.counts.nodes_lost(),
+    );
+    let ended = service.counts.jobs_ended();
+    let ended = ended.map(|(state, count)| (format!("state=\"{state}\""), count));
+    family(text, ("jobs_ended_total", "counter"), "Jobs that ended.", &ended);
+    durations(text, &service.counts.lease_durations());
     let failed = service.counts.failed_attempts();
     let failed = failed.map(|(kind, count)| (format!("kind=\"{kind}\""), count));
     let help = "Attempts at iterations that failed; those of the kind `lost` are leases that expired.";
     family(text, ("failed_attempts_total", "counter"), help, &failed);
+}
+
+/// How long leases took, as a histogram.
+fn durations(text: &mut String, leases: &Durations) {
+    let name = "lease_duration_seconds";
+    head(text, (name, "histogram"), "Time from the grant of a lease to its end.");
+    for (bound, count) in LEASE_SECONDS.iter().zip(leases.at_most) {
+        let _ = writeln!(text, "photonfarm_{name}_bucket{{le=\"{bound}\"}} {count}");
+    }
+    let Durations { count, sum, .. } = leases;
+    let _ = writeln!(
+        text,
+        "photonfarm_{name}_bucket{{le=\"+Inf\"}} {count}\nphotonfarm_{name}_sum {sum}\nphotonfarm_{name}_count {count}"
+    );
 }
 
 /// A figure of its own, by its name and its kind.

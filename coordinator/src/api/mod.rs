@@ -1,6 +1,7 @@
 //! The HTTP interface under `/v1`: JSON for clients, framed messages for workers, problem documents for errors; and the page at `/`.
 
 mod bundles;
+mod docs;
 mod events;
 mod extract;
 mod farm;
@@ -9,6 +10,7 @@ mod jobs;
 mod local;
 mod metrics;
 mod page;
+mod request;
 mod session;
 mod spool;
 mod steer;
@@ -21,7 +23,7 @@ use crate::service::{Service, ServiceError};
 use axum::extract::DefaultBodyLimit;
 use axum::handler::Handler;
 use axum::http::{HeaderValue, StatusCode, header};
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, on};
 use axum::{Extension, Router};
@@ -130,6 +132,7 @@ pub(crate) fn router(service: App, gate: Arc<Gate>) -> Router {
         .layer(from_fn_with_state(farm_name(&service), guard::name_farm))
         .layer(DefaultBodyLimit::disable())
         .layer(TraceLayer::new_for_http())
+        .layer(from_fn(request::name))
         .with_state(service)
 }
 
@@ -162,6 +165,7 @@ fn read_routes() -> Routes {
         .delete("/v1/session", session::end)
         .get("/v1/workers", system::workers)
         .get("/v1/openapi.json", system::openapi)
+        .get("/v1/docs", docs::docs)
         .get("/metrics", metrics::metrics)
 }
 
@@ -238,7 +242,8 @@ impl From<AccessError> for ApiError {
 }
 
 impl IntoResponse for ApiError {
-    fn into_response(self) -> Response {
+    fn into_response(mut self) -> Response {
+        self.0.request_id = request::current().map(Into::into);
         let status = StatusCode::from_u16(self.0.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let wait = self.0.retry_after_s;
         let mut response = (status, axum::Json(self.0)).into_response();
@@ -277,6 +282,23 @@ mod tests {
             identifiers.iter().collect::<BTreeSet<_>>().len(),
             identifiers.len(),
             "{identifiers:?}"
+        );
+    }
+
+    /// What clients are made from lies in the documentation, so that a change of the interface shows as a change of that file.
+    #[test]
+    fn the_document_is_the_one_that_is_kept() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/openapi.json");
+        let document = serde_json::to_string_pretty(&openapi()).unwrap() + "\n";
+        if std::env::var_os("UPDATE").is_some() {
+            std::fs::write(&path, &document).unwrap();
+        }
+        let kept = std::fs::read_to_string(&path).unwrap();
+        let first = document.lines().zip(kept.lines()).position(|(now, kept)| now != kept);
+        assert!(
+            document == kept,
+            "line {} of docs/openapi.json is another; UPDATE=1 writes the file anew",
+            first.map_or(0, |line| line + 1)
         );
     }
 

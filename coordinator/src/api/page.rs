@@ -14,6 +14,9 @@ macro_rules! file {
     };
 }
 
+/// The media type of pages.
+pub(super) const HTML: &str = "text/html; charset=utf-8";
+
 const FILES: [(&str, &str, &str); 9] = [
     file!("index.html", "text/html; charset=utf-8"),
     file!("main.js", "text/javascript; charset=utf-8"),
@@ -27,7 +30,7 @@ const FILES: [(&str, &str, &str); 9] = [
 ];
 
 /// What browsers keep to: nothing from elsewhere, no script but the files', in no frame of another page.
-const RULES: [(HeaderName, HeaderValue); 4] = [
+pub(super) const RULES: [(HeaderName, HeaderValue); 4] = [
     (
         header::CONTENT_SECURITY_POLICY,
         HeaderValue::from_static(

@@ -76,6 +76,7 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         workers,
         health,
         openapi,
+        super::docs::docs,
     ),
     components(schemas(Problem)),
     modifiers(&EveryOperation)

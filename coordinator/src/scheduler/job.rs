@@ -10,6 +10,7 @@ use super::record::{
 };
 use super::table::{Set, Table};
 use super::{Refusal, SchedulerConfig};
+use photonfarm_core::integrator::layers::Layers;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
@@ -271,7 +272,19 @@ impl Job {
         self.nodes.done
     }
 
-    /// Pixels across and down, which the first node fixes for as long as any node counts: it may be given up.
+    /// Pixels across and down of the picture; [`Self::resolution`] has the planes of its layers below it.
+    #[must_use]
+    pub fn picture_size(&self) -> Option<[u32; 2]> {
+        self.resolution().map(|size| self.layers().picture_size(size))
+    }
+
+    /// What is rendered beside the picture. The names were checked when the job came.
+    #[must_use]
+    pub fn layers(&self) -> Layers {
+        self.head.spec.layers().unwrap_or_default()
+    }
+
+    /// Pixels across and down of each node, which the first node fixes for as long as any node counts: it may be given up.
     #[must_use]
     pub fn resolution(&self) -> Option<[u32; 2]> {
         self.resolution.filter(|_| !self.nodes.live.is_empty())

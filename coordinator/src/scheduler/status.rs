@@ -50,7 +50,7 @@ impl Job {
             iterations_rendered: self.rendered(),
             poisoned: poisoned.collect(),
             failure: self.failure.clone(),
-            resolution: self.resolution(),
+            resolution: self.picture_size(),
             totals: self.totals(),
             iterations_per_second: self.pace.iterations_per_second(),
             workers: self.workers() as u32,

@@ -1,17 +1,79 @@
 //! What happened on the farm since the start, in numbers: the log tells the same in words.
 
 use crate::scheduler::record::Change;
-use photonfarm_proto::job::FailureKind;
+use photonfarm_proto::id::{JobId, LeaseToken};
+use photonfarm_proto::job::{FailureKind, JobState};
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Upper bounds of the classes that durations of leases are counted in [s]. The usual lease is planned to take some ten seconds.
+pub(crate) const LEASE_SECONDS: [f64; 9] = [1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
 
 /// Counts of what this coordinator decided since its start.
 #[derive(Debug, Default)]
 pub(crate) struct Counts {
     workers_registered: AtomicU64,
     leases_granted: AtomicU64,
+    nodes_committed: AtomicU64,
+    iterations_committed: AtomicU64,
+    nodes_merged: AtomicU64,
+    nodes_lost: AtomicU64,
+    /// By state, in the order of [`ENDS`].
+    jobs_ended: [AtomicU64; 3],
+    leases: Mutex<Leases>,
     /// By kind, in the order of [`KINDS`].
     failed_attempts: [AtomicU64; 4],
 }
+
+/// Leases that this coordinator granted and that have not ended, with the durations of those that have.
+#[derive(Debug, Default)]
+struct Leases {
+    begun: HashMap<LeaseToken, (JobId, Instant)>,
+    durations: Durations,
+}
+
+/// Durations, counted in classes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Durations {
+    /// How many are at most as long as each of [`LEASE_SECONDS`].
+    pub(crate) at_most: [u64; LEASE_SECONDS.len()],
+    /// How many there are.
+    pub(crate) count: u64,
+    /// Their sum [s].
+    pub(crate) sum: f64,
+}
+
+impl Leases {
+    /// Takes the durations of the leases that `ended` picks.
+    fn end(&mut self, ended: impl Fn(&LeaseToken, &JobId) -> bool) {
+        let Self { begun, durations } = self;
+        begun.retain(|token, (job, since)| {
+            let ended = ended(token, job);
+            if ended {
+                durations.add(since.elapsed().as_secs_f64());
+            }
+            !ended
+        });
+    }
+}
+
+impl Durations {
+    fn add(&mut self, seconds: f64) {
+        let classes = self.at_most.iter_mut().zip(LEASE_SECONDS);
+        classes.for_each(|(count, bound)| *count += u64::from(seconds <= bound));
+        self.count += 1;
+        self.sum += seconds;
+    }
+}
+
+/// How jobs end, and the names of that in figures.
+const ENDS: [(JobState, &str); 3] = [
+    (JobState::Done, "done"),
+    (JobState::Failed, "failed"),
+    (JobState::Cancelled, "cancelled"),
+];
 
 /// The kinds of failed attempts, and their names in figures.
 const KINDS: [(FailureKind, &str); 4] = [
@@ -26,7 +88,25 @@ impl Counts {
     pub(super) fn note(&self, change: &Change) {
         let count = match change {
             Change::WorkerRegistered(_) => Some(&self.workers_registered),
-            Change::LeaseGranted(_) => Some(&self.leases_granted),
+            Change::LeaseGranted(lease) => {
+                self.leases().begun.insert(lease.token, (lease.job, Instant::now()));
+                Some(&self.leases_granted)
+            }
+            Change::LeaseEnded { token, .. } => {
+                self.leases().end(|ended, _| ended == token);
+                None
+            }
+            Change::NodeAdded { node, .. } => {
+                self.iterations_committed.fetch_add(node.leaves(), Ordering::Relaxed);
+                Some(&self.nodes_committed)
+            }
+            Change::NodeMerged { .. } => Some(&self.nodes_merged),
+            Change::NodeLost { .. } => Some(&self.nodes_lost),
+            Change::JobEnded { job, state, .. } => {
+                self.leases().end(|_, of| of == job);
+                let end = ENDS.iter().position(|(end, _)| end == state);
+                end.map(|end| &self.jobs_ended[end])
+            }
             Change::LeafFailed { attempt, .. } => {
                 let kind = KINDS.iter().position(|(kind, _)| *kind == attempt.attempt.kind);
                 kind.map(|kind| &self.failed_attempts[kind])
@@ -36,6 +116,35 @@ impl Counts {
         if let Some(count) = count {
             count.fetch_add(1, Ordering::Relaxed);
         }
+    }
+
+    fn leases(&self) -> std::sync::MutexGuard<'_, Leases> {
+        self.leases.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How long leases took that ended.
+    pub(crate) fn lease_durations(&self) -> Durations {
+        self.leases().durations
+    }
+
+    /// Nodes that came to count, and iterations in them. What is rendered again, or comes as a greater node, counts again.
+    pub(crate) fn committed(&self) -> [u64; 2] {
+        [&self.nodes_committed, &self.iterations_committed].map(|count| count.load(Ordering::Relaxed))
+    }
+
+    /// Nodes that were merged into greater ones.
+    pub(crate) fn nodes_merged(&self) -> u64 {
+        self.nodes_merged.load(Ordering::Relaxed)
+    }
+
+    /// Nodes that counted and do so no more.
+    pub(crate) fn nodes_lost(&self) -> u64 {
+        self.nodes_lost.load(Ordering::Relaxed)
+    }
+
+    /// Jobs that ended, by the name of how.
+    pub(crate) fn jobs_ended(&self) -> [(&'static str, u64); 3] {
+        std::array::from_fn(|end| (ENDS[end].1, self.jobs_ended[end].load(Ordering::Relaxed)))
     }
 
     /// Workers that were registered.

@@ -95,13 +95,15 @@ impl Service {
         let Some(image) = self.average(job).await? else {
             return Ok(None);
         };
-        let metadata = metadata(job);
+        let (metadata, layers) = (metadata(job), job.layers());
         let encode = move || match format {
             ImageFormat::Exr => {
+                let channels = layers.channels(&image)?;
+                let image = layers.picture(image)?;
                 let noise = image.noise();
-                picture::encode_exr(&image, &PictureMetadata { noise, ..metadata })
+                picture::encode_exr(&image, channels, &PictureMetadata { noise, ..metadata })
             }
-            ImageFormat::Png => picture::encode_png(&image),
+            ImageFormat::Png => picture::encode_png(&layers.picture(image)?),
         };
         let bytes = tokio::task::spawn_blocking(encode)
             .await
@@ -114,7 +116,7 @@ impl Service {
         Ok(Some(PictureFile::Made(bytes)))
     }
 
-    /// The average; nothing if a node was merged or given up meanwhile.
+    /// The average, with layers below the picture; nothing if a node was merged or given up meanwhile.
     async fn average(self: &Arc<Self>, job: &Job) -> Result<Option<Image>, ServiceError> {
         let mut average = Average::default();
         let mut empty = true;
@@ -167,6 +169,7 @@ fn metadata(job: &Job) -> PictureMetadata {
         main: spec.main.clone(),
         defines: spec.defines.clone(),
         sensor: spec.sensor.clone(),
+        layers: spec.layers.clone(),
         integrator: integrator.clone(),
         warnings: job.control().warnings.clone(),
         seed: spec.seed,

@@ -31,6 +31,7 @@ mod waiters;
 mod window_tests;
 mod workers;
 
+pub(crate) use counts::{Durations, LEASE_SECONDS};
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture, PictureFile};
 pub(crate) use obstacles::Part;

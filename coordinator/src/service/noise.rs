@@ -3,16 +3,24 @@
 use super::{Service, ServiceError};
 use crate::scheduler::Job;
 use photonfarm_core::film::Image;
+use photonfarm_core::picture::PictureError;
 use photonfarm_proto::id::JobId;
 use std::sync::Arc;
 
 impl Service {
     /// Measures the noise at the checkpoint that is due, if there is one; the job goes on or stops.
     pub(super) async fn measure_noise(self: &Arc<Self>, job: JobId) -> Result<bool, ServiceError> {
-        let due = self.fresh_farm().await?.farm.job(job).and_then(Job::due_checkpoint);
-        let Some((key, image)) = due else { return Ok(false) };
+        let read = |found: &Job| found.due_checkpoint().map(|due| (due, found.layers()));
+        let due = self.fresh_farm().await?.farm.job(job).and_then(read);
+        let Some(((key, image), layers)) = due else {
+            return Ok(false);
+        };
         if let Some(node) = self.child(job, (key, image)).await? {
-            let noise = tokio::task::spawn_blocking(move || Image::average(&[node]).map(|image| image.noise()))
+            let measure = move || -> Result<Option<f64>, ServiceError> {
+                let stack = Image::average(&[node])?;
+                Ok(layers.picture(stack).map_err(PictureError::from)?.noise())
+            };
+            let noise = tokio::task::spawn_blocking(measure)
                 .await
                 .map_err(|_| ServiceError::Stopping)??;
             tracing::info!(%job, iterations = key.end(), noise, "noise measured");

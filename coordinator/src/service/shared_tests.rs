@@ -46,6 +46,7 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         iterations,
         seed: 0,
         schedule: Default::default(),
+        layers: Vec::new(),
         name: String::new(),
     };
     service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id

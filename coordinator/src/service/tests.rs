@@ -104,6 +104,7 @@ impl World {
             iterations,
             seed: 0,
             schedule: Default::default(),
+            layers: Vec::new(),
             name: String::new(),
         };
         let job = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;

@@ -26,6 +26,7 @@ fn spec() -> JobSpec {
         iterations: 9,
         seed: u64::MAX,
         schedule: Default::default(),
+        layers: Vec::new(),
         name: String::new(),
     }
 }

@@ -80,7 +80,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 39] = [
+const ROUTES: [(&str, &str, &[Role]); 40] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
@@ -93,6 +93,7 @@ const ROUTES: [(&str, &str, &[Role]); 39] = [
     ("DELETE", "/v1/session", LOOKS),
     ("GET", "/v1/workers", LOOKS),
     ("GET", "/v1/openapi.json", LOOKS),
+    ("GET", "/v1/docs", LOOKS),
     ("GET", "/v1/bundles/{hash}", FETCHES),
     ("GET", "/v1/blobs/{hash}", FETCHES),
     ("POST", "/v1/bundles", SENDS),

@@ -233,6 +233,23 @@ async fn the_interface_describes_itself() {
         assert!(paths.iter().any(|known| *known == path), "{path} in {paths:?}");
     }
     assert!(document["components"]["schemas"]["JobStatus"].is_object());
+    let page = farm.get("docs").await;
+    assert_eq!(page.headers()["content-type"], "text/html; charset=utf-8");
+    assert!(page.text().await.unwrap().contains("create_job"));
+}
+
+#[tokio::test]
+async fn requests_have_names() {
+    let farm = Farm::start().await;
+    let url = format!("{}/v1/jobs/99", farm.coordinator.url());
+    let ask = async |name: &str| {
+        let reply = farm.http.get(&url).header("x-request-id", name).send().await.unwrap();
+        expect_problem(reply, ErrorCode::NotFound).await.request_id.unwrap()
+    };
+    assert_eq!(ask("proxy-7").await, "proxy-7");
+    let (first, second) = (ask("a b").await, ask("a b").await);
+    assert_eq!((first.len(), second.len()), (16, 16));
+    assert_ne!(first, second);
 }
 
 #[tokio::test]

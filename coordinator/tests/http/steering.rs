@@ -87,7 +87,7 @@ async fn schedules_that_cannot_be_are_refused_by_their_field() {
         let mut spec = farm.spec(4).await;
         spec["schedule"] = json!({field: value});
         let problem = expect_problem(farm.post_json("jobs", &spec).await, ErrorCode::Invalid).await;
-        assert_eq!(problem.field, Some(format!("schedule.{field}")));
+        assert_eq!(problem.field.as_deref(), Some(format!("schedule.{field}").as_str()));
     }
     let mut spec = farm.spec(4).await;
     spec["schedule"] = json!({"colour": "red"});

@@ -130,7 +130,12 @@ impl Farm {
 pub(crate) async fn expect_problem(reply: Response, code: ErrorCode) -> Problem {
     assert_eq!(reply.headers()["content-type"], "application/problem+json");
     let status = reply.status().as_u16();
+    let name = reply
+        .headers()
+        .get("x-request-id")
+        .map(|name| name.to_str().unwrap().to_owned());
     let problem: Problem = reply.json().await.unwrap();
+    assert_eq!(problem.request_id.as_deref(), name.as_deref());
     assert_eq!((problem.code, status), (code, code.status()), "{problem}");
     problem
 }

@@ -296,6 +296,11 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
         figures.contains("photonfarm_jobs_waiting{reason=\"dispute\"} 1"),
         "{figures}"
     );
+    let version = photonfarm_proto::VERSION;
+    assert!(
+        figures.contains(&format!("photonfarm_build_info{{version=\"{version}\",")),
+        "{figures}"
+    );
     assert_eq!(status.integrator, Some(of_depth(Some(4))));
     assert_eq!(status.warnings, ["scene.xml:2: <medium> is left out"]);
     assert_eq!((status.poisoned, status.workers), (vec![], 2));

@@ -216,6 +216,8 @@ impl Node {
 pub(crate) struct Total {
     node: Node,
     iterations: u64,
+    /// Those with an odd index.
+    odd_iterations: u64,
     /// Iterations of the nodes of which the error is known: those with more than one.
     iterations_with_error: u64,
 }
@@ -225,9 +227,10 @@ impl Total {
         let mut total = Self {
             node,
             iterations: 0,
+            odd_iterations: 0,
             iterations_with_error: 0,
         };
-        total.count(total.node.level);
+        total.count(total.node.level, total.node.index);
         total
     }
 
@@ -237,14 +240,18 @@ impl Total {
         for (a, b) in self.node.pixels.iter_mut().zip(&node.pixels) {
             *a = (*a + b).min(f32::MAX);
         }
-        self.count(node.level);
+        self.count(node.level, node.index);
         Ok(())
     }
 
-    fn count(&mut self, level: u32) {
+    fn count(&mut self, level: u32, index: u32) {
         self.iterations += 1 << level;
         if level > 0 {
             self.iterations_with_error += 1 << level;
+            self.odd_iterations += 1 << (level - 1);
+        } else {
+            // Leaf `k` is iteration `k + 1`.
+            self.odd_iterations += u64::from(index.is_multiple_of(2));
         }
     }
 
@@ -264,6 +271,7 @@ impl Total {
             width: self.node.width,
             height: self.node.height,
             iterations: self.iterations,
+            odd_iterations: self.odd_iterations,
             pixels: pixels.iter().map(|pixel| radiance(pixel).map(|sum| sum / n)).collect(),
             standard_error,
         }
@@ -279,6 +287,8 @@ pub struct Image {
     pub height: u32,
     /// Iterations averaged.
     pub iterations: u64,
+    /// Those of them with an odd index.
+    pub odd_iterations: u64,
     /// Mean radiance, row by row from the top left.
     pub pixels: Vec<Spectrum>,
     /// Standard error of each pixel's luminance, from the difference of the halves of its iterations ([`add_pixels`]): rough for one
@@ -406,6 +416,7 @@ mod tests {
             width: pixels.len() as u32,
             height: 1,
             iterations: 4,
+            odd_iterations: 2,
             pixels,
             standard_error,
         }

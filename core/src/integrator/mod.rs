@@ -8,6 +8,7 @@ mod bdpt;
 mod bidirectional;
 mod camera_path;
 mod description;
+pub mod layers;
 mod light;
 mod light_paths;
 mod path;
@@ -27,6 +28,7 @@ pub use description::{Ignored, Integrator, schema};
 pub use sppm::radius_range;
 
 use description::Estimator;
+use layers::Layers;
 
 use crate::math::Vec2;
 use crate::meter::CameraRay;
@@ -177,6 +179,9 @@ pub enum RenderError {
     /// Settings that no image can be made with.
     #[error(transparent)]
     Setting(#[from] SettingError),
+    /// Layers that the scene or the integrator has not.
+    #[error(transparent)]
+    Layer(#[from] layers::LayerError),
     /// What a sequential integrator is to go on from cannot be what the iteration before left.
     #[error("iteration {iteration}: {reason}")]
     Statistics {
@@ -305,7 +310,25 @@ pub fn render_next(
     before: &[f32],
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
+    render_with_layers(scene, &Layers::default(), settings, seed, iteration, before, observer)
+}
+
+/// As [`render_next`], with the planes of layers below the picture ([`Layers::stacked`]).
+///
+/// # Errors
+/// As [`render_next`]; also where a layer is not one of the scene or the integrator.
+pub fn render_with_layers(
+    scene: &Scene,
+    layers: &Layers,
+    settings: &IntegratorSettings,
+    seed: u64,
+    iteration: u32,
+    before: &[f32],
+    observer: &dyn Observer,
+) -> Result<Iteration, RenderError> {
     settings.validate()?;
+    layers.check_integrator(settings)?;
+    layers.check_scene(scene)?;
     if before.is_empty() == (settings.is_sequential() && iteration > 1) {
         let reason = match before.is_empty() {
             true => format!(
@@ -325,22 +348,36 @@ pub fn render_next(
         sampling: settings.sampling(),
         batches: Batches::default(),
     };
-    let mut result = settings.estimator().render(&job, before, observer)?;
+    let mut result = render_job(&job, settings, before, observer)?;
+    if *layers != Layers::default() {
+        result = layers::render(&job, layers, settings, &result, observer)?;
+    }
     observer.phase(Phase::Done);
     if let Some(reason) = scene.tiles.as_ref().and_then(|tiles| tiles.take_failure()) {
         return Err(RenderError::Textures { iteration, reason });
     }
-    let response = scene.sensor.response();
-    if response != 1.0 {
-        result.pixels.iter_mut().for_each(|pixel| *pixel *= response);
-    }
     if let Some(bad) = result.pixels.iter().position(|p| !p.is_valid()) {
-        let width = scene.film.resolution[0];
+        let (width, pixel) = (scene.film.resolution[0], bad % job.pixel_count());
         return Err(RenderError::BadPixel {
             iteration,
-            x: bad as u32 % width,
-            y: bad as u32 / width,
+            x: pixel as u32 % width,
+            y: pixel as u32 / width,
         });
+    }
+    Ok(result)
+}
+
+/// The image of an iteration.
+fn render_job(
+    job: &Job,
+    settings: &IntegratorSettings,
+    before: &[f32],
+    observer: &dyn Observer,
+) -> Result<Iteration, RenderError> {
+    let mut result = settings.estimator().render(job, before, observer)?;
+    let response = job.scene.sensor.response();
+    if response != 1.0 {
+        result.pixels.iter_mut().for_each(|pixel| *pixel *= response);
     }
     Ok(result)
 }

@@ -34,6 +34,7 @@ use portal::Opening;
 pub use portal::Portal;
 pub use sample::{EmissionSample, LightSample, Origin};
 use source::Source;
+use std::sync::Arc;
 use world::World;
 
 /// Index of a light in the scene.
@@ -46,9 +47,9 @@ pub struct LightId(pub u32);
 const DEFENSIVE: f64 = 0.1;
 
 /// The scene's lights, and the probability with which each is chosen: mostly in proportion to its power ([`DEFENSIVE`]).
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Lights {
-    sources: Vec<Source>,
+    sources: Arc<[Source]>,
     choice: Discrete,
     /// Probability of each source.
     probabilities: Vec<f32>,
@@ -56,6 +57,8 @@ pub struct Lights {
     backgrounds: Vec<u32>,
     /// Those that such rays meet where they pass a portal.
     portals: Vec<u32>,
+    /// Whether each source emits nothing, though it is chosen as if it did ([`Lights::only`]); empty where all emit.
+    dark: Vec<bool>,
     world: World,
 }
 
@@ -71,7 +74,7 @@ impl Lights {
     /// it, or its shape is now.
     #[must_use]
     pub fn moved(&self, geometry: &Geometry, moved: impl IntoIterator<Item = (LightId, Transform)>) -> Self {
-        let mut sources = self.sources.clone();
+        let mut sources = self.sources.to_vec();
         for (LightId(id), to_world) in moved {
             let source = &mut sources[id as usize];
             *source = source.moved(&to_world, geometry);
@@ -96,10 +99,32 @@ impl Lights {
                 .collect(),
             backgrounds: indices(|source| matches!(source, Source::Background(_))),
             portals: indices(|source| matches!(source, Source::Portal(_))),
-            sources,
+            sources: sources.into(),
             choice,
+            dark: Vec::new(),
             world,
         }
+    }
+
+    /// The same lights, of which those alone emit that `shines` picks. They are chosen, and their densities are, as if all emitted: paths
+    /// are those of all the lights, and images of parts of the lights add up to the image of all.
+    #[must_use]
+    pub(crate) fn only(&self, shines: impl Fn(LightId) -> bool) -> Self {
+        Self {
+            dark: (0..self.sources.len() as u32).map(|id| !shines(LightId(id))).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// Whether the source emits nothing.
+    #[inline]
+    fn is_dark(&self, index: usize) -> bool {
+        self.dark.get(index).copied().unwrap_or(false)
+    }
+
+    /// Whether nothing comes from the source when it is chosen. What a background's directions bring is the sum of all backgrounds.
+    fn gives_nothing(&self, index: usize) -> bool {
+        self.is_dark(index) && !matches!(self.sources[index], Source::Background(_))
     }
 
     /// Whether there is a light that no ray finds, such as a point light ([`LightSample::delta`]).
@@ -118,6 +143,9 @@ impl Lights {
     #[must_use]
     pub fn sample_direct(&self, geometry: &Geometry, from: Vec3, choice: f64, u: DVec2) -> Option<LightSample> {
         let (index, _) = self.choice.sample(choice)?;
+        if self.gives_nothing(index) {
+            return None;
+        }
         let probability = self.probabilities[index];
         let towards = |position: Vec3| {
             let offset = position - from;
@@ -210,8 +238,9 @@ impl Lights {
     /// Radiance that the area light `light` emits at `hit` along the unit vector `wo`.
     #[must_use]
     pub fn emitted(&self, light: LightId, hit: &SurfacePoint, wo: Vec3) -> Spectrum {
-        match &self.sources[light.0 as usize] {
-            Source::Area(area) if area.emits_along(hit, wo) => area.radiance.eval(&hit.into()),
+        let index = light.0 as usize;
+        match &self.sources[index] {
+            Source::Area(area) if area.emits_along(hit, wo) && !self.is_dark(index) => area.radiance.eval(&hit.into()),
             _ => Spectrum::ZERO,
         }
     }
@@ -220,6 +249,7 @@ impl Lights {
     #[must_use]
     pub(crate) fn background(&self, direction: Vec3) -> Spectrum {
         self.backgrounds()
+            .filter(|(index, _)| !self.is_dark(*index))
             .map(|(_, background)| background.radiance(direction))
             .sum()
     }
@@ -228,7 +258,7 @@ impl Lights {
     #[must_use]
     pub(crate) fn pdf_background(&self, direction: Vec3) -> f32 {
         self.backgrounds()
-            .map(|(probability, background)| probability * background.pdf(direction))
+            .map(|(index, background)| self.probabilities[index] * background.pdf(direction))
             .sum()
     }
 
@@ -242,6 +272,9 @@ impl Lights {
         u_direction: DVec2,
     ) -> Option<EmissionSample> {
         let (index, _) = self.choice.sample(choice)?;
+        if self.gives_nothing(index) {
+            return None;
+        }
         let probability = self.probabilities[index];
         let (position, direction) = (to_unit_vec2(u_position), to_unit_vec2(u_direction));
         let cross_section = self.world.cross_section();
@@ -373,20 +406,20 @@ impl Lights {
         1.0 / self.world.cross_section()
     }
 
-    /// The lights that fill directions at infinity, each with its probability.
-    fn backgrounds(&self) -> impl Iterator<Item = (f32, &Background)> {
-        self.backgrounds
-            .iter()
-            .filter_map(|index| match &self.sources[*index as usize] {
-                Source::Background(background) => Some((self.probabilities[*index as usize], background)),
-                _ => None,
-            })
+    /// The lights that fill directions at infinity, each with its index.
+    fn backgrounds(&self) -> impl Iterator<Item = (usize, &Background)> {
+        let indices = self.backgrounds.iter().map(|index| *index as usize);
+        indices.filter_map(|index| match &self.sources[index] {
+            Source::Background(background) => Some((index, background)),
+            _ => None,
+        })
     }
 
-    /// The lights behind portals, each with its probability.
+    /// The lights behind portals that emit, each with its probability.
     fn portals(&self) -> impl Iterator<Item = (f32, &Opening)> {
         self.portals
             .iter()
+            .filter(|index| !self.is_dark(**index as usize))
             .filter_map(|index| match &self.sources[*index as usize] {
                 Source::Portal(opening) => Some((self.probabilities[*index as usize], &**opening)),
                 _ => None,

@@ -24,6 +24,9 @@ pub struct PictureMetadata {
     /// The sensor that was chosen, where one was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<String>,
+    /// Layers beside the picture.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub layers: Vec<String>,
     /// The integrator and its settings.
     pub integrator: IntegratorSettings,
     /// What of the scene is not rendered as it is written, each with its place.

@@ -10,6 +10,7 @@ pub use openexr::{DecodedExr, decode_exr, encode_exr, read_metadata};
 pub use table::encode_csv;
 pub use tone::{ToneCurve, encode_png};
 
+use crate::integrator::layers::LayerError;
 use thiserror::Error;
 
 /// Why a picture cannot be written or read.
@@ -43,6 +44,9 @@ pub enum PictureError {
     /// Not writable as PNG.
     #[error("cannot write PNG: {0}")]
     Png(#[from] image::ImageError),
+    /// An image that is not the stack of a picture and its layers.
+    #[error(transparent)]
+    Layers(#[from] LayerError),
     /// Metadata of this project that does not parse.
     #[error("the picture's metadata: {0}")]
     Metadata(#[from] serde_json::Error),

@@ -3,6 +3,7 @@
 use super::PictureError;
 use super::metadata::{Entry, PictureMetadata};
 use crate::film::Image;
+use crate::integrator::layers::Channel;
 use crate::spectrum::Spectrum;
 use exr::image::write::WritableImage;
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer};
@@ -42,11 +43,12 @@ pub struct DecodedExr {
     pub metadata: Option<PictureMetadata>,
 }
 
-/// Writes an image as OpenEXR. The same image and metadata give the same bytes.
-pub fn encode_exr(image: &Image, metadata: &PictureMetadata) -> Result<Vec<u8>, PictureError> {
+/// Writes an image as OpenEXR, with channels of layers beside it. The same image, channels and metadata give the same bytes.
+pub fn encode_exr(image: &Image, layers: Vec<Channel>, metadata: &PictureMetadata) -> Result<Vec<u8>, PictureError> {
     let size = image.width as usize * image.height as usize;
     let errors = image.standard_error.len();
-    if image.pixels.len() != size || (errors != 0 && errors != size) || size == 0 {
+    let whole = layers.iter().all(|channel| channel.samples.len() == size);
+    if image.pixels.len() != size || (errors != 0 && errors != size) || size == 0 || !whole {
         return Err(PictureError::Size {
             width: image.width,
             height: image.height,
@@ -63,6 +65,8 @@ pub fn encode_exr(image: &Image, metadata: &PictureMetadata) -> Result<Vec<u8>, 
     if errors != 0 {
         channels.push(linear_channel(STANDARD_ERROR, image.standard_error.clone()));
     }
+    let layers = layers.into_iter();
+    channels.extend(layers.map(|channel| linear_channel(&channel.name, channel.samples)));
     let layer = Layer::new(
         (image.width as usize, image.height as usize),
         attributes(metadata)?,
@@ -223,6 +227,7 @@ mod tests {
             width,
             height,
             iterations,
+            odd_iterations: iterations.div_ceil(2),
             pixels: (0..count)
                 .map(|i| Spectrum::from_rgb([value(i), value(i + 7), value(i + 11)]))
                 .collect(),
@@ -240,6 +245,7 @@ mod tests {
             renderer: "1.2.3+0f".into(),
             scene_hash: "ab12".into(),
             sensor: None,
+            layers: vec!["albedo".into()],
             main: "room.xml".into(),
             defines: [("größe".into(), "2 \u{1F4A1} \"quoted\"".into())].into(),
             integrator: IntegratorSettings::Pcf(PcfSettings {
@@ -259,12 +265,12 @@ mod tests {
     #[test]
     fn pixels_errors_and_metadata_come_back() {
         let original = image(37, 21, 64);
-        let decoded = decode_exr(&encode_exr(&original, &metadata()).unwrap(), MANY).unwrap();
+        let decoded = decode_exr(&encode_exr(&original, vec![], &metadata()).unwrap(), MANY).unwrap();
         assert_eq!((decoded.width, decoded.height), (37, 21));
         assert_eq!(decoded.pixels, original.pixels);
         assert_eq!(decoded.standard_error, original.standard_error);
         assert_eq!(decoded.metadata, Some(metadata()));
-        let bytes = encode_exr(&original, &metadata()).unwrap();
+        let bytes = encode_exr(&original, vec![], &metadata()).unwrap();
         assert_eq!(read_metadata(&bytes).unwrap(), Some(metadata()));
     }
 
@@ -272,7 +278,7 @@ mod tests {
     fn metadata_of_older_versions_are_read() {
         let mut json = serde_json::to_value(metadata()).unwrap();
         let fields = json.as_object_mut().unwrap();
-        for name in ["renderer", "main", "iterations_asked", "noise", "warnings"] {
+        for name in ["renderer", "main", "iterations_asked", "noise", "warnings", "layers"] {
             assert!(fields.remove(name).is_some());
         }
         let expected = PictureMetadata {
@@ -281,6 +287,7 @@ mod tests {
             iterations_asked: None,
             noise: None,
             warnings: vec![],
+            layers: vec![],
             ..metadata()
         };
         assert_eq!(serde_json::from_value::<PictureMetadata>(json).unwrap(), expected);
@@ -288,13 +295,13 @@ mod tests {
 
     #[test]
     fn one_iteration_has_no_error_channel() {
-        let decoded = decode_exr(&encode_exr(&image(5, 4, 1), &metadata()).unwrap(), MANY).unwrap();
+        let decoded = decode_exr(&encode_exr(&image(5, 4, 1), vec![], &metadata()).unwrap(), MANY).unwrap();
         assert!(decoded.standard_error.is_empty());
     }
 
     #[test]
     fn each_setting_has_its_attribute() {
-        let bytes = encode_exr(&image(4, 4, 64), &metadata()).unwrap();
+        let bytes = encode_exr(&image(4, 4, 64), vec![], &metadata()).unwrap();
         let header = MetaData::read_from_buffered(Cursor::new(&bytes), true)
             .unwrap()
             .headers
@@ -324,9 +331,9 @@ mod tests {
 
     #[test]
     fn bytes_are_the_same_every_time() {
-        let first = encode_exr(&image(16, 16, 2), &metadata()).unwrap();
+        let first = encode_exr(&image(16, 16, 2), vec![], &metadata()).unwrap();
         for _ in 0..8 {
-            assert_eq!(encode_exr(&image(16, 16, 2), &metadata()).unwrap(), first);
+            assert_eq!(encode_exr(&image(16, 16, 2), vec![], &metadata()).unwrap(), first);
         }
     }
 
@@ -335,10 +342,10 @@ mod tests {
         let mut broken = image(4, 4, 2);
         broken.pixels.pop();
         assert!(matches!(
-            encode_exr(&broken, &metadata()),
+            encode_exr(&broken, vec![], &metadata()),
             Err(PictureError::Size { pixels: 15, .. })
         ));
-        let bytes = encode_exr(&image(8, 8, 2), &metadata()).unwrap();
+        let bytes = encode_exr(&image(8, 8, 2), vec![], &metadata()).unwrap();
         assert!(matches!(
             decode_exr(&bytes, 63),
             Err(PictureError::TooLarge { limit: 63, .. })
@@ -347,7 +354,7 @@ mod tests {
 
     #[test]
     fn every_truncation_is_an_error() {
-        let bytes = encode_exr(&image(9, 5, 2), &metadata()).unwrap();
+        let bytes = encode_exr(&image(9, 5, 2), vec![], &metadata()).unwrap();
         for length in 0..bytes.len() {
             assert!(
                 decode_exr(&bytes[..length], MANY).is_err(),
@@ -359,7 +366,7 @@ mod tests {
 
     #[test]
     fn damaged_bytes_never_panic() {
-        let bytes = encode_exr(&image(9, 5, 2), &metadata()).unwrap();
+        let bytes = encode_exr(&image(9, 5, 2), vec![], &metadata()).unwrap();
         for at in 0..bytes.len() {
             for damage in [0x01, 0x80, 0xff] {
                 let mut damaged = bytes.clone();

@@ -109,6 +109,7 @@ mod tests {
             width,
             height: luminances.len() as u32 / width,
             iterations: 1,
+            odd_iterations: 1,
             pixels: luminances.iter().map(|&l| Spectrum::splat(l)).collect(),
             standard_error: Vec::new(),
         }

@@ -54,16 +54,19 @@ use std::sync::Arc;
 ///
 /// What moves stands here as it does in the middle of the shutter interval: the scene at rest. [`Scene::frame`] makes the scene that an
 /// iteration renders.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Scene {
     /// Shapes and their hierarchy.
-    pub geometry: Geometry,
+    pub geometry: Arc<Geometry>,
     /// What each shape is made of, by [`ShapeId`].
     pub bindings: Arc<[ShapeBinding]>,
     /// Materials, by [`ShapeBinding::material`].
     pub materials: Arc<[Material]>,
     /// Lights and the distribution they are chosen by.
     pub lights: Lights,
+    /// What the scene calls each light, by [`LightId`]: its id or that of its shape, or else `lamp-` and its number from 1. Several may
+    /// have one name.
+    pub lamps: Arc<[String]>,
     /// Whether the camera sees neither lights nor their shapes, nor what surrounds the scene (`hide_emitters`): its rays go on behind
     /// them. Mirrors show them all the same.
     pub hide_emitters: bool,

@@ -14,6 +14,7 @@ use std::ops::RangeInclusive;
 /// Reads one object. Every property and child must be asked for before [`Reader::finish`].
 pub(crate) struct Reader<'d> {
     description: &'d Description,
+    pub(crate) id: ObjectId,
     pub(crate) object: &'d Object,
     /// Names asked for, whether or not they were there.
     asked: RefCell<BTreeSet<String>>,
@@ -30,10 +31,10 @@ pub(crate) const NOT_NEGATIVE: RangeInclusive<f64> = 0.0..=f64::MAX;
 
 impl<'d> Reader<'d> {
     pub(crate) fn new(description: &'d Description, object: ObjectId) -> Self {
-        let object = &description.objects[object];
         Self {
             description,
-            object,
+            id: object,
+            object: &description.objects[object],
             asked: RefCell::default(),
             taken: RefCell::default(),
         }

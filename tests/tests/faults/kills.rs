@@ -207,7 +207,7 @@ fn report(name: &str, (coordinators, workers): (String, String)) {
 }
 
 fn kills_of_any_process_leave_no_trace() {
-    let (rounds, seed) = (number("PHOTONFARM_ROUNDS", 50), number("PHOTONFARM_SEED", 1));
+    let (rounds, seed) = (number("PHOTONFARM_ROUNDS", 25), number("PHOTONFARM_SEED", 1));
     let ground = Ground::new(Farm::start(&[]), 3);
     report(
         "one coordinator",
@@ -216,7 +216,7 @@ fn kills_of_any_process_leave_no_trace() {
 }
 
 fn kills_among_two_coordinators_leave_no_trace() {
-    let (rounds, seed) = (number("PHOTONFARM_ROUNDS", 50) / 5, number("PHOTONFARM_SEED", 1));
+    let (rounds, seed) = (number("PHOTONFARM_ROUNDS", 25) / 5, number("PHOTONFARM_SEED", 1));
     let (postgres, s3) = (Postgres::start(), S3::start());
     let ground = Ground::new(Farm::on(&Stores::shared(&postgres, &s3), 2), 2);
     let farm = ground.rounds("two coordinators", rounds.max(1), seed);

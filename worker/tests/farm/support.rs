@@ -380,6 +380,7 @@ impl Farm {
             iterations,
             seed: SEED,
             schedule: Default::default(),
+            layers: Vec::new(),
             name: String::new(),
         };
         let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();

@@ -8,7 +8,7 @@
 use super::world::{Mode, Seen, World};
 
 /// Histories of an ordinary run of the tests.
-const HISTORIES: u64 = 8_000;
+const HISTORIES: u64 = 5_000;
 /// Steps of a history.
 const STEPS: u32 = 150;
 

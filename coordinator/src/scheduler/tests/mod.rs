@@ -25,6 +25,7 @@ fn spec(iterations: u32) -> JobSpec {
         iterations,
         seed: 0,
         schedule: Default::default(),
+        layers: Vec::new(),
         name: String::new(),
     }
 }

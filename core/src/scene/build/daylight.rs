@@ -107,15 +107,15 @@ impl Builder<'_, '_> {
         let before = self.lights.len();
         if sky_scale > 0.0 {
             let light = day.sky(reader, &sky, sky_scale)?;
-            self.add_light(light, None, reader.place());
+            self.add_light(light, None, &[reader.id], reader.place());
         }
         if sun_scale > 0.0 {
             let light = day.sun_light(reader, aperture, sky.stretch, sun_scale)?;
-            self.add_light(light, None, reader.place());
+            self.add_light(light, None, &[reader.id], reader.place());
         }
         if self.lights.len() == before {
             let radiance = Spectrum::ZERO;
-            self.add_light(Light::Constant { radiance }, None, reader.place());
+            self.add_light(Light::Constant { radiance }, None, &[reader.id], reader.place());
         }
         Ok(())
     }

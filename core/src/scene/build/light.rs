@@ -96,7 +96,7 @@ impl Builder<'_, '_> {
             None => light,
         };
         let moving = to_world.filter(|to_world| to_world.moves_within(self.motion.shutter));
-        self.add_light(light, moving, reader.place());
+        self.add_light(light, moving, &[object], reader.place());
         Ok(())
     }
 

@@ -123,6 +123,10 @@ struct Builder<'b, 'f> {
     materials: Vec<Material>,
     /// Lights with their places.
     lights: Vec<(Light, Place)>,
+    /// What the description calls objects.
+    names: BTreeMap<ObjectId, &'b str>,
+    /// The name of each light.
+    lamps: Vec<String>,
     motion: Motion,
     /// The attributes of the mesh whose material is built.
     attributes: MeshAttributes,
@@ -164,6 +168,12 @@ impl<'b, 'f> Builder<'b, 'f> {
             within_group: false,
             materials: Vec::new(),
             lights: Vec::new(),
+            names: description
+                .ids
+                .iter()
+                .map(|(name, object)| (*object, name.as_str()))
+                .collect(),
+            lamps: Vec::new(),
             motion: Motion::default(),
             attributes: MeshAttributes::default(),
             material_of: BTreeMap::new(),
@@ -243,9 +253,20 @@ impl<'b, 'f> Builder<'b, 'f> {
         ShapeId(self.shapes.len() as u32 - 1)
     }
 
-    /// Adds a light that moves by `to_world`, where that is given.
-    fn add_light(&mut self, light: Light, to_world: Option<AnimatedTransform>, place: &Place) -> LightId {
+    /// Adds a light that moves by `to_world`, where that is given. It is called what the first of `objects` is called that has a name.
+    fn add_light(
+        &mut self,
+        light: Light,
+        to_world: Option<AnimatedTransform>,
+        objects: &[ObjectId],
+        place: &Place,
+    ) -> LightId {
         self.lights.push((light, place.clone()));
+        let named = objects.iter().find_map(|object| self.names.get(object));
+        self.lamps.push(match named {
+            Some(name) => (*name).to_owned(),
+            None => format!("lamp-{}", self.lights.len()),
+        });
         let id = LightId(self.lights.len() as u32 - 1);
         self.motion.lights.extend(to_world.map(|to_world| (id, to_world)));
         id
@@ -270,7 +291,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             let message = "the scene has no <emitter>: it is lit from all sides by radiance 1, as by <emitter type=\"constant\"/>";
             self.warn(place, message);
             let radiance = Spectrum::ONE;
-            self.lights.push((Light::Constant { radiance }, place.clone()));
+            self.add_light(Light::Constant { radiance }, None, &[], place);
         }
         let geometry = Geometry::build(std::mem::take(&mut self.shapes));
         let view = match view {
@@ -307,10 +328,11 @@ impl<'b, 'f> Builder<'b, 'f> {
         }
         let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
         Ok(Scene {
-            geometry,
+            geometry: Arc::new(geometry),
             bindings: self.bindings.into_iter().chain(self.group_bindings).collect(),
             materials: self.materials.into(),
             lights,
+            lamps: self.lamps.into(),
             hide_emitters: self.hide_emitters,
             sensor,
             whole,

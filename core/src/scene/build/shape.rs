@@ -162,7 +162,7 @@ impl Builder<'_, '_> {
             None => self.looks(reader, bsdf, emitter)?,
         };
         self.attributes = MeshAttributes::default();
-        let metered = self.metered.is_some_and(|(object, _)| self.is_object(reader, object));
+        let metered = self.metered.is_some_and(|(object, _)| reader.id == object);
         let shape = match lamp.is_some() || metered {
             true => self.with_even_area(reader, shape, moving.as_ref().map(|(_, motion)| motion))?,
             false => shape,
@@ -181,15 +181,10 @@ impl Builder<'_, '_> {
         }
         if let (Some(lamp), Some(emitter)) = (lamp, emitter) {
             let light = lamp.on(shape, area.unwrap_or(0.0));
-            let light = self.add_light(light, moving, &emitter.place);
+            let light = self.add_light(light, moving, &[emitter.target, reader.id], &emitter.place);
             self.bindings[shape.0 as usize].light = Some(light);
         }
         Ok(())
-    }
-
-    /// Whether a reader reads the object.
-    fn is_object(&self, reader: &Reader, object: ObjectId) -> bool {
-        std::ptr::eq(reader.object, &raw const self.description.objects[object])
     }
 
     /// The material of a shape, and its light.

@@ -141,6 +141,11 @@ pub(super) fn light(
         draft.set(emitter, "cutoff_angle", Value::Float(outer.to_degrees()));
         draft.set(emitter, "beam_width", Value::Float(inner.min(outer).to_degrees()));
     }
+    for name in [&document.nodes[node].name, &light.name] {
+        if !name.is_empty() {
+            draft.ids.entry(name.clone()).or_insert(emitter);
+        }
+    }
     draft.link(0, None, emitter);
     Ok(())
 }

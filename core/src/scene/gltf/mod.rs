@@ -328,6 +328,10 @@ impl SceneWriter<'_, '_, '_> {
         let deformation = self.deformation(node, mesh)?;
         let triangles = self.geometry.read((mesh, number), look.uv_set, &deformation)?;
         let Some(triangles) = triangles else { return Ok(()) };
+        let written = &self.document.nodes[node].name;
+        if let Some(emitter) = look.emitter.filter(|_| !written.is_empty()) {
+            self.draft.ids.entry(written.clone()).or_insert(emitter);
+        }
         let name = format!(
             "{} {}",
             node_name(self.document, node),
