@@ -42,7 +42,8 @@ pub struct JobSpec {
     #[serde(default, skip_serializing_if = "Schedule::is_default")]
     pub schedule: Schedule,
     /// Layers beside the picture: `alpha`, `albedo`, `normal`, `depth`, `position`, `halves`, `lamp:NAME` for the light of a lamp of the
-    /// scene, `lamp:NAME+NAME` for that of several, `lamp:*` for that of all which no other layer names.
+    /// scene, `lamp:NAME+NAME` for that of several, `lamp:*` for that of all which no other layer names,
+    /// `NAME=EXPRESSION` for the light along some paths, such as `caustic=L S+ D E`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 16, example = json!(["albedo", "lamp:*"]))]
     pub layers: Vec<String>,

@@ -460,7 +460,8 @@ pub(crate) struct JobArgs {
     #[arg(long, value_name = "N|ID")]
     pub(crate) sensor: Option<String>,
     /// A layer of the picture's file (repeatable): alpha, albedo, normal, depth, position, halves (odd and even iterations),
-    /// lamp:NAME for the light of one lamp, lamp:A+B for that of several, lamp:* for that of all the others; `check` lists the lamps
+    /// lamp:NAME for the light of one lamp, lamp:A+B for that of several, lamp:* for that of all the others (`check` lists the lamps),
+    /// NAME='L S+ D E' for the light along some paths: light, mirrors or glass, a rough surface, eye; docs/LAYERS.md explains them
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Vec<String>,
     #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = set_help())]

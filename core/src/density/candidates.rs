@@ -51,7 +51,7 @@ pub struct Candidates<'a> {
     positions: [Vec<f32>; 3],
     directions: [Vec<f32>; 3],
     weights: Vec<Spectrum>,
-    edges: Vec<u8>,
+    paths: Vec<[u8; 2]>,
 }
 
 /// Records of a cell whose directions lie on one face.
@@ -104,7 +104,14 @@ impl Candidate<'_> {
     #[must_use]
     #[inline]
     pub fn edges(&self) -> u8 {
-        self.candidates.edges[self.index]
+        self.candidates.paths[self.index][0]
+    }
+
+    /// The set of states that a query has to meet.
+    #[must_use]
+    #[inline]
+    pub fn states(&self) -> u8 {
+        self.candidates.paths[self.index][1]
     }
 }
 
@@ -120,7 +127,7 @@ impl<'a> Candidates<'a> {
             positions: Default::default(),
             directions: Default::default(),
             weights: Vec::new(),
-            edges: Vec::new(),
+            paths: Vec::new(),
         }
     }
 
@@ -217,8 +224,8 @@ impl<'a> Candidates<'a> {
         }
         self.weights.clear();
         self.weights.extend(indices.clone().map(|index| map.weights[index]));
-        self.edges.clear();
-        self.edges.extend(indices.map(|index| map.edges[index]));
+        self.paths.clear();
+        self.paths.extend(indices.map(|index| map.paths[index]));
     }
 
     /// Calls `visit` for each record gathered that lies within `reach` of the position `center` and the unit vector `direction`, in an

@@ -18,19 +18,21 @@ pub struct Cone {
     direction: u32,
     normal: u16,
     edges: u8,
+    states: u8,
 }
 
 impl Cone {
     /// A cone on a surface of geometric normal `normal`. `direction` is a unit vector away from the surface. `edges` counts the light
-    /// path's edges up to here; above 254 they are not told apart.
+    /// path's edges up to here; above 254 they are not told apart. `states` is a set that a query has to meet; all bits for every query.
     #[must_use]
-    pub fn new(position: Vec3, normal: Vec3, direction: Vec3, weight: Spectrum, edges: u32) -> Self {
+    pub fn new(position: Vec3, normal: Vec3, direction: Vec3, weight: Spectrum, edges: u32, states: u8) -> Self {
         Self {
             position,
             weight,
             direction: encode_direction(direction),
             normal: encode_coarse(normal),
             edges: count_edges(edges),
+            states,
         }
     }
 
@@ -59,7 +61,8 @@ pub struct ConeMap {
     pub(super) weights: Vec<Spectrum>,
     /// Empty where nobody asks for normals.
     pub(super) normals: Vec<u16>,
-    pub(super) edges: Vec<u8>,
+    /// Edges of the light path, and its set of states.
+    pub(super) paths: Vec<[u8; 2]>,
 }
 
 impl ConeMap {
@@ -76,12 +79,12 @@ impl ConeMap {
         let mut packed = vec![PackedCone::default(); total + LANES];
         let mut weights = vec![Spectrum::ZERO; total];
         let mut coarse_normals = vec![0; if normals { total } else { 0 }];
-        let mut edges = vec![0; total];
+        let mut paths = vec![[0; 2]; total];
         let columns = ConeColumns {
             packed: &mut packed[..total],
             weights: &mut weights,
             normals: &mut coarse_normals,
-            edges: &mut edges,
+            paths: &mut paths,
         };
         let key = |cone: &Cone| {
             let cell = CellOnCurve::at(cone.position, cells_per_unit);
@@ -94,7 +97,7 @@ impl ConeMap {
             packed,
             weights,
             normals: coarse_normals,
-            edges,
+            paths,
         }
     }
 
@@ -117,7 +120,7 @@ impl ConeMap {
             + size_of_val(&*self.packed)
             + size_of_val(&*self.weights)
             + size_of_val(&*self.normals)
-            + size_of_val(&*self.edges)
+            + size_of_val(&*self.paths)
     }
 }
 
@@ -126,7 +129,7 @@ struct ConeColumns<'a> {
     packed: &'a mut [PackedCone],
     weights: &'a mut [Spectrum],
     normals: &'a mut [u16],
-    edges: &'a mut [u8],
+    paths: &'a mut [[u8; 2]],
 }
 
 impl Columns<Cone> for ConeColumns<'_> {
@@ -138,18 +141,18 @@ impl Columns<Cone> for ConeColumns<'_> {
         let (packed, packed_after) = self.packed.split_at_mut(size);
         let (weights, weights_after) = self.weights.split_at_mut(size);
         let (normals, normals_after) = self.normals.split_at_mut(size.min(self.normals.len()));
-        let (edges, edges_after) = self.edges.split_at_mut(size);
+        let (paths, paths_after) = self.paths.split_at_mut(size);
         let before = Self {
             packed,
             weights,
             normals,
-            edges,
+            paths,
         };
         let after = Self {
             packed: packed_after,
             weights: weights_after,
             normals: normals_after,
-            edges: edges_after,
+            paths: paths_after,
         };
         (before, after)
     }
@@ -160,6 +163,6 @@ impl Columns<Cone> for ConeColumns<'_> {
         if let Some(normal) = self.normals.get_mut(index) {
             *normal = cone.normal;
         }
-        self.edges[index] = cone.edges;
+        self.paths[index] = [cone.edges, cone.states];
     }
 }

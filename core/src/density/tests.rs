@@ -10,7 +10,14 @@ fn records(count: u64, extent: f32) -> Vec<Cone> {
             let position = Vec3::new(random.next_1d(), random.next_1d(), 0.1 * random.next_1d()) * extent
                 - Vec3::splat(extent / 2.0);
             let direction = square_to_sphere(random.next_2d());
-            Cone::new(position, Vec3::Z, direction, Spectrum::splat(i as f32), i as u32)
+            Cone::new(
+                position,
+                Vec3::Z,
+                direction,
+                Spectrum::splat(i as f32),
+                i as u32,
+                u8::MAX,
+            )
         })
         .collect()
 }
@@ -232,7 +239,7 @@ fn a_query_reads_few_records_that_do_not_count() {
             let mut random = PathRandom::new(7, 1, Stream::Light, i);
             let position = Vec3::new(random.next_1d(), random.next_1d(), 0.0);
             let direction = square_to_sphere(random.next_2d());
-            Cone::new(position, Vec3::Z, direction, Spectrum::ONE, 1)
+            Cone::new(position, Vec3::Z, direction, Spectrum::ONE, 1, u8::MAX)
         })
         .collect();
     for (radius, theta) in [(0.05, 0.3), (0.02, 0.1)] {
@@ -267,7 +274,7 @@ fn far_from_the_origin_queries_find_what_their_disc_holds() {
             .map(|i| {
                 let offset = (2.0 * PathRandom::new(7, 1, Stream::Light, i).next_2d() - 1.0) * half;
                 let position = Vec3::new(distance + offset.x, 0.0, offset.y - distance);
-                Cone::new(position, Vec3::Y, Vec3::Y, Spectrum::ONE, 1)
+                Cone::new(position, Vec3::Y, Vec3::Y, Spectrum::ONE, 1, u8::MAX)
             })
             .collect();
         let map = ConeMap::build(chunked(&all, 999), &reach, false);

@@ -3,7 +3,7 @@
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::Lights;
 use crate::math::{DVec2, Vec3};
-use crate::path::{Scattered, Tracer, Vertex, Walk, power_heuristic};
+use crate::path::{AT_LIGHT, Scattered, Tracer, Vertex, Walk, power_heuristic};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -41,10 +41,11 @@ impl<'t, 'a> CameraPath<'t, 'a> {
             true => Found::No,
             false => Found::InFull,
         };
+        let walk = Walk::from_camera(tracer.scene, ray);
         Self {
             tracer,
             random,
-            walk: Walk::from_camera(ray),
+            walk,
             max_edges,
             found,
             radiance: Spectrum::ZERO,
@@ -67,8 +68,10 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     #[inline(always)]
     pub(super) fn trace_edge(&mut self) -> Option<SurfacePoint> {
         let hit = self.walk.advance(self.tracer);
-        let emission = self.found.emission(self.tracer.scene, &self.walk.ray, hit.as_ref());
-        self.radiance += self.walk.beta * emission;
+        if self.walk.states & AT_LIGHT != 0 {
+            let emission = self.found.emission(self.tracer.scene, &self.walk.ray, hit.as_ref());
+            self.radiance += self.walk.beta * emission;
+        }
         hit
     }
 
@@ -79,7 +82,9 @@ impl<'t, 'a> CameraPath<'t, 'a> {
             return;
         }
         let (choice, u) = (self.random.next_choice(), self.random.next_choice_2d());
-        self.radiance += vertex.beta * direct_light(self.tracer, vertex, choice, u);
+        if vertex.states.smooth & AT_LIGHT != 0 {
+            self.radiance += vertex.beta * direct_light(self.tracer, vertex, choice, u);
+        }
     }
 
     /// Goes on in a direction sampled at the vertex; `None` where the path ends there. Light that the next edge finds counts beside

@@ -94,7 +94,7 @@ impl LightPaths {
             counts,
             |tracer, path, start, random, records: &mut Vec<R>| {
                 let Some(start) = start else { return };
-                let mut walk = Walk::from_light(&start);
+                let mut walk = Walk::from_light(scene, &start);
                 while walk.edges < self.max_edges {
                     let Some(point) = walk.advance(tracer) else { return };
                     let vertex = walk.arrive(scene, point);

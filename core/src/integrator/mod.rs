@@ -32,7 +32,7 @@ use layers::Layers;
 
 use crate::math::Vec2;
 use crate::meter::CameraRay;
-use crate::path::Tracer;
+use crate::path::{AT_LIGHT, Tracer};
 use crate::random::{PathRandom, Sampling, Sequence, Stream};
 use crate::scene::Scene;
 use crate::settings::SettingError;
@@ -412,7 +412,7 @@ fn trace_pixels<'a, T: Send>(
     estimate: impl Fn(Sample<'a, '_>, &mut Vec<T>) -> Spectrum + Sync,
 ) -> Result<(Vec<Spectrum>, Vec<Vec<T>>), RenderError> {
     let film = &job.scene.film;
-    let has_unseen_lights = job.scene.lights.any_delta();
+    let has_unseen_lights = job.scene.lights.any_delta() && job.scene.states_at_camera() & AT_LIGHT != 0;
     let width = film.resolution[0] as usize;
     let mut sums = vec![Spectrum::ZERO; pixels.len()];
     let pixels_per_task = (PATHS_PER_TASK / samples as usize).max(1);

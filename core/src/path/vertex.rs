@@ -1,7 +1,9 @@
 //! Vertices on surfaces.
 
+use super::expression::{ANY, Event, PathExpression, States};
 use crate::density::Cone;
 use crate::geometry::SurfacePoint;
+use crate::integrator::GLOSSY_ROUGHNESS;
 use crate::material::{Bsdf, BsdfSample, Tangents, TransportMode};
 use crate::math::Vec3;
 use crate::random::PathRandom;
@@ -23,6 +25,26 @@ pub(crate) struct Vertex {
     pub(crate) wo: Vec3,
     wo_local: Vec3,
     mode: TransportMode,
+    pub(crate) states: VertexStates,
+}
+
+/// Where a subpath is among the words of a scene's [`PathExpression`], at a vertex: all sets hold every state where all paths count.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VertexStates {
+    /// Before the vertex scatters.
+    pub(crate) arrived: States,
+    /// After it has scattered by a lobe that is no delta function.
+    pub(crate) smooth: States,
+    /// After it has scattered by a delta function.
+    pub(crate) delta: States,
+}
+
+impl VertexStates {
+    const ANY: Self = Self {
+        arrived: ANY,
+        smooth: ANY,
+        delta: ANY,
+    };
 }
 
 /// A direction in which a vertex is connected or merged, delta lobes left out.
@@ -72,7 +94,25 @@ impl Vertex {
             wo,
             wo_local,
             mode,
+            states: VertexStates::ANY,
         }
+    }
+
+    /// Notes where the subpath is among the words of an expression.
+    pub(super) fn note(&mut self, paths: &PathExpression, arrived: States) {
+        let smooth = match self.is_glossier_than(GLOSSY_ROUGHNESS) {
+            true => Event::Glossy,
+            false => Event::Diffuse,
+        };
+        let step = |event| match self.mode {
+            TransportMode::Radiance => paths.before(arrived, event),
+            TransportMode::Flux => paths.after(arrived, event),
+        };
+        self.states = VertexStates {
+            arrived,
+            smooth: step(smooth),
+            delta: step(Event::Specular),
+        };
     }
 
     /// f(wo, wi) [1/sr], delta lobes left out.
@@ -163,13 +203,14 @@ impl Vertex {
     }
 
     /// A cone at this vertex.
-    pub(crate) fn cone(&self, direction: Vec3, weight: Spectrum) -> Cone {
+    pub(crate) fn cone(&self, direction: Vec3, weight: Spectrum, states: States) -> Cone {
         Cone::new(
             self.point.position,
             self.point.geometric_normal,
             direction,
             weight,
             self.edges,
+            states,
         )
     }
 }

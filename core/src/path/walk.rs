@@ -1,5 +1,6 @@
 //! The walk of a subpath from vertex to vertex.
 
+use super::expression::{ANY, AT_LIGHT, States};
 use super::{Scattered, Tracer, Vertex};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::EmissionSample;
@@ -25,29 +26,33 @@ pub(crate) struct Walk {
     /// Edges that have been traced.
     pub(crate) edges: u32,
     mode: TransportMode,
+    /// Where it is among the words of the scene's path expression.
+    pub(crate) states: States,
     /// Index of refraction at the end over that at the start.
     eta: f32,
 }
 
 impl Walk {
     /// A camera subpath that starts with `ray`.
-    pub(crate) fn from_camera(ray: Ray) -> Self {
+    pub(crate) fn from_camera(scene: &Scene, ray: Ray) -> Self {
         Self {
             ray,
             beta: Spectrum::ONE,
             edges: 0,
             mode: TransportMode::Radiance,
+            states: scene.states_at_camera(),
             eta: 1.0,
         }
     }
 
     /// A light subpath.
-    pub(crate) fn from_light(start: &EmissionSample) -> Self {
+    pub(crate) fn from_light(scene: &Scene, start: &EmissionSample) -> Self {
         Self {
             ray: start.ray,
             beta: start.flux,
             edges: 0,
             mode: TransportMode::Flux,
+            states: scene.paths.as_ref().map_or(ANY, |_| AT_LIGHT),
             eta: 1.0,
         }
     }
@@ -71,6 +76,9 @@ impl Walk {
         }
         vertex.beta = self.beta;
         vertex.edges = self.edges;
+        if let Some(paths) = &scene.paths {
+            vertex.note(paths, self.states);
+        }
         vertex
     }
 
@@ -79,6 +87,10 @@ impl Walk {
     #[inline(always)]
     pub(crate) fn go_on(&mut self, vertex: &Vertex, scattered: &Scattered, random: &mut PathRandom) -> bool {
         self.ray = vertex.point.ray_towards(scattered.wi);
+        self.states = match scattered.bsdf.delta {
+            true => vertex.states.delta,
+            false => vertex.states.smooth,
+        };
         let young = self.edges < ROULETTE_EDGES;
         let survival = match self.mode {
             TransportMode::Radiance => {

@@ -43,6 +43,7 @@ use crate::geometry::{Geometry, ShapeId, ShapeSampler, SurfacePoint};
 use crate::light::{LightId, Lights};
 use crate::material::Material;
 use crate::motion::Motion;
+use crate::path::{ANY, PathExpression, States};
 use crate::sensor::Sensor;
 use crate::settings::IntegratorSettings;
 use crate::texture::TileFile;
@@ -67,6 +68,8 @@ pub struct Scene {
     /// What the scene calls each light, by [`LightId`]: its id or that of its shape, or else `lamp-` and its number from 1. Several may
     /// have one name.
     pub lamps: Arc<[String]>,
+    /// The paths that count, where not all do.
+    pub(crate) paths: Option<PathExpression>,
     /// Whether the camera sees neither lights nor their shapes, nor what surrounds the scene (`hide_emitters`): its rays go on behind
     /// them. Mirrors show them all the same.
     pub hide_emitters: bool,
@@ -160,6 +163,12 @@ impl Scene {
     #[must_use]
     pub fn light_at(&self, point: &SurfacePoint) -> Option<LightId> {
         self.binding(point.shape).light
+    }
+
+    /// Where a camera path that has met nothing yet is among the words of the path expression.
+    #[inline]
+    pub(crate) fn states_at_camera(&self) -> States {
+        self.paths.as_ref().map_or(ANY, PathExpression::at_camera)
     }
 
     fn binding(&self, shape: ShapeId) -> &ShapeBinding {

@@ -179,6 +179,7 @@ impl World {
             iterations,
             seed: 0,
             schedule,
+            layers: Vec::new(),
             name: String::new(),
         };
         let owner = if self.random.chance(50) { "ann" } else { "bob" };

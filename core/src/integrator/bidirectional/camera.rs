@@ -6,7 +6,7 @@ use super::{End, Estimator, Spectrum};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
 use crate::math::{DVec2, FRAC_1_PI, sqr};
-use crate::path::{Partial, Towards, Tracer, Walk};
+use crate::path::{AT_LIGHT, Partial, Towards, Tracer, Walk};
 
 impl<'a> Estimator<'a> {
     /// Estimates the radiance along a camera ray but for merges, which it asks for in `merges`.
@@ -34,11 +34,11 @@ impl<'a> Estimator<'a> {
                 self.camera_edges.first * sensor.cos / (pdf_lens * sensor.pdf)
             }),
         };
-        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(camera.ray));
+        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(tracer.scene, camera.ray));
         while walk.edges < self.plan.max_edges {
             let hit = walk.advance(tracer);
             let edges = walk.edges;
-            if self.uses(0, edges + 1) {
+            if self.uses(0, edges + 1) && walk.states & AT_LIGHT != 0 {
                 total += walk.beta * self.emission(tracer, &walk.ray, hit.as_ref(), partial, edges);
             }
             let Some(point) = hit else { break };
@@ -58,12 +58,15 @@ impl<'a> Estimator<'a> {
                 if self.plan.techniques.next_event {
                     // Drawn also where only other techniques are shown, so that these find what they find beside it.
                     let (choice, u) = (random.next_choice(), random.next_choice_2d());
-                    if self.uses(1, edges + 1) {
+                    if self.uses(1, edges + 1) && vertex.states.smooth & AT_LIGHT != 0 {
                         total += vertex.beta * self.next_event(tracer, &end, choice, u);
                     }
                 }
                 for other in light.vertices(light_path) {
                     let light_edges = other.vertex.edges;
+                    if other.vertex.states.smooth & vertex.states.smooth == 0 {
+                        continue;
+                    }
                     if edges + 1 + light_edges <= self.plan.max_edges && self.uses(light_edges + 1, edges + 1) {
                         total += vertex.beta * self.connect(tracer, &end, other);
                     }

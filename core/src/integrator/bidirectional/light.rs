@@ -87,13 +87,13 @@ impl Estimator<'_> {
     ) {
         let scene = tracer.scene;
         let infinite = start.origin.is_infinite();
-        let mut walk = Walk::from_light(start);
+        let mut walk = Walk::from_light(scene, start);
         let mut partial = self.first_light_partial(start);
         while walk.edges < self.plan.max_edges {
             let hit = walk.advance(tracer);
             let edges = walk.edges;
             let parallel = infinite && edges == 1;
-            if self.uses(edges + 1, 0) {
+            if self.uses(edges + 1, 0) && walk.states & scene.states_at_camera() != 0 {
                 let first = match scene.hide_emitters {
                     true => tracer.intersect_from_camera(&walk.ray),
                     false => hit,
@@ -126,6 +126,7 @@ impl Estimator<'_> {
                         wi: vertex.wo,
                         flux: vertex.beta,
                         edges: count_edges(edges),
+                        states: vertex.states.arrived,
                         partial: Partial {
                             edge: partial.edge * self.light_edges.of(edges),
                             ..partial
@@ -178,6 +179,9 @@ impl Estimator<'_> {
             return;
         }
         let scene = tracer.scene;
+        if vertex.states.smooth & scene.states_at_camera() == 0 {
+            return;
+        }
         if scene.hide_emitters && scene.light_at(&vertex.point).is_some() {
             return;
         }

@@ -4,7 +4,7 @@ use super::{End, Estimator, Observer, RenderError};
 use crate::density::{NearPoints, PointMap, count_edges, disc_height, radius_at};
 use crate::integrator::Found;
 use crate::math::Vec3;
-use crate::path::{Partial, Towards};
+use crate::path::{Partial, States, Towards};
 use crate::spectrum::Spectrum;
 
 /// The end of a light path, as the map keeps it.
@@ -18,6 +18,8 @@ pub(super) struct MergePayload {
     pub(super) partial: Partial,
     /// From the light.
     pub(super) edges: u8,
+    /// Where the path is among the words of the scene's path expression.
+    pub(super) states: States,
 }
 
 /// The end of a camera path that is to be merged.
@@ -57,7 +59,7 @@ impl Estimator<'_> {
         let camera_edge = self.camera_edges.of(vertex.edges);
         let (mut sum, mut counted) = (Spectrum::ZERO, 0);
         let read = near.query(position, radius, |light_end| {
-            if light_end.edges > limit {
+            if light_end.edges > limit || light_end.states & vertex.states.smooth == 0 {
                 return;
             }
             let Towards { f, pdf, pdf_rev } = vertex.towards(light_end.wi);

@@ -5,6 +5,9 @@
 //! iterations, with the same bits whoever rendered them. Values of a node are never negative; a layer whose values may be takes two
 //! planes, of what is above zero and of what is below.
 //!
+//! The light of some lamps, or along some paths, is that of the same iteration with a scene of which nothing else counts, by the same random
+//! numbers: whatever an integrator does, parts that together hold everything add up to the picture.
+//!
 //! The picture is that of the job without layers, bit for bit.
 
 mod surface;
@@ -12,9 +15,12 @@ mod surface;
 #[cfg(test)]
 mod tests;
 
+pub use crate::path::ExpressionError;
+
 use super::{Iteration, Job, Observer, RenderError};
 use crate::film::Image;
 use crate::light::LightId;
+use crate::path::PathExpression;
 use crate::scene::Scene;
 use crate::settings::IntegratorSettings;
 use crate::spectrum::Spectrum;
@@ -41,14 +47,24 @@ enum Layer {
     Halves,
     /// The light of some lamps, by their names in the scene; `None` for those that no other layer names.
     Lamps(Option<Vec<String>>),
+    /// The light of some paths.
+    Paths { name: String, expression: PathExpression },
 }
 
 /// Why a layer is none.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum LayerError {
     /// Not a layer's name.
-    #[error("there is no layer `{0}`; there are: {known}, and `lamp:NAME` for a lamp of the scene, `lamp:NAME+NAME` for several, `lamp:*` for all that no other layer names", known = NAMES.join(", "))]
+    #[error("there is no layer `{0}`; there are: {known}, `lamp:NAME` for a lamp of the scene, `lamp:NAME+NAME` for several, `lamp:*` for all that no other layer names, and `NAME=EXPRESSION` for some paths, such as `caustic=L S+ D E`", known = NAMES.join(", "))]
     Unknown(String),
+    /// Not a path expression.
+    #[error("layer `{name}`: {error}")]
+    Expression {
+        /// The layer as it was asked for.
+        name: String,
+        /// What is wrong with the expression, its columns counted from the `=` on.
+        error: ExpressionError,
+    },
     /// A layer that is there twice, or two that a file could not tell apart.
     #[error("two layers are called `{0}`")]
     Twice(String),
@@ -98,6 +114,21 @@ impl FromStr for Layer {
                 _ => Ok(Self::Lamps(Some(names))),
             };
         }
+        if let Some((called, expression)) = name.split_once('=') {
+            let called = called.trim();
+            let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '_';
+            if called.is_empty() || !called.chars().all(plain) || NAMES.contains(&called) {
+                return Err(unknown());
+            }
+            let expression = expression.parse().map_err(|error| LayerError::Expression {
+                name: name.to_owned(),
+                error,
+            })?;
+            return Ok(Self::Paths {
+                name: called.to_owned(),
+                expression,
+            });
+        }
         Ok(match name {
             "alpha" => Self::Surface(Surface::Alpha),
             "albedo" => Self::Surface(Surface::Albedo),
@@ -115,7 +146,7 @@ impl Layer {
         match self {
             Self::Surface(surface) => surface.planes(),
             Self::Halves => 2,
-            Self::Lamps(_) => 1,
+            Self::Lamps(_) | Self::Paths { .. } => 1,
         }
     }
 
@@ -124,6 +155,7 @@ impl Layer {
         match self {
             Self::Surface(surface) => surface.name().to_owned(),
             Self::Halves => "half".to_owned(),
+            Self::Paths { name, .. } => name.clone(),
             Self::Lamps(None) => "lamp_others".to_owned(),
             Self::Lamps(Some(names)) => {
                 let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
@@ -273,7 +305,7 @@ impl Layer {
         };
         match self {
             Self::Surface(surface) => surface.channels(planes),
-            Self::Lamps(_) => colours(&name, planes[0], 1.0),
+            Self::Lamps(_) | Self::Paths { .. } => colours(&name, planes[0], 1.0),
             Self::Halves => {
                 let odd = stack.odd_iterations;
                 let counts = [odd, stack.iterations - odd];
@@ -328,13 +360,32 @@ pub(super) fn render(
                     lights: job.scene.lights.only(shines),
                     ..job.scene.clone()
                 };
-                let of_lamps = super::render_job(&Job { scene: &scene, ..*job }, settings, &[], observer)?;
-                all.pixels.extend(of_lamps.pixels);
-                all.counts += of_lamps.counts;
+                add_part(job, &scene, settings, &mut all, observer)?;
+            }
+            Layer::Paths { expression, .. } => {
+                let scene = Scene {
+                    paths: Some(expression.clone()),
+                    ..job.scene.clone()
+                };
+                add_part(job, &scene, settings, &mut all, observer)?;
             }
         }
     }
     Ok(all)
+}
+
+/// Adds the plane of a part of the picture's light: the iteration of a scene of which only that counts.
+fn add_part(
+    job: &Job,
+    scene: &Scene,
+    settings: &IntegratorSettings,
+    all: &mut Iteration,
+    observer: &dyn Observer,
+) -> Result<(), RenderError> {
+    let part = super::render_job(&Job { scene, ..*job }, settings, &[], observer)?;
+    all.pixels.extend(part.pixels);
+    all.counts += part.counts;
+    Ok(())
 }
 
 impl Layer {

@@ -98,6 +98,106 @@ fn lamps_add_up_to_the_picture_whatever_the_integrator() {
 }
 
 #[test]
+fn paths_add_up_to_the_picture_whatever_the_integrator() {
+    let parts = [
+        "seen=L E",
+        "direct=L [DG] E",
+        "caustic=L S+ D E",
+        "mirror=L S+ E",
+        "others=L (S* [DG] . .* | S+ G) E",
+    ];
+    let (scene, each, size) = (load(ROOM, LAMPS), layers(&parts), (SIZE * SIZE) as usize);
+    for settings in independent() {
+        let stack = render(&scene, &each, &settings, 1);
+        let (picture, planes) = stack.split_at(size);
+        let mean = picture.iter().copied().sum::<Spectrum>().luminance() / size as f32;
+        for (part, plane) in parts.iter().zip(planes.chunks_exact(size)) {
+            let sum: Spectrum = plane.iter().copied().sum();
+            // Light paths do not find a pinhole through glass.
+            let found = settings.name() != "light" || !part.starts_with("mirror");
+            assert_eq!(!sum.is_black(), found, "{}: {part}", settings.name());
+        }
+        for (pixel, whole) in picture.iter().enumerate() {
+            let sum: Spectrum = planes.chunks_exact(size).map(|plane| plane[pixel]).sum();
+            let tolerance = 1e-4 * (whole.luminance() + mean);
+            let apart = sum.zip(*whole, |a, b| (a - b).abs()).max_component();
+            assert!(
+                apart < tolerance,
+                "{}, pixel {pixel}: {sum:?} of {whole:?}",
+                settings.name()
+            );
+        }
+    }
+}
+
+/// Paths of one surface are all that a limit of two edges leaves: of the same random numbers, so that the bits agree.
+#[test]
+fn direct_light_is_what_paths_of_two_edges_bring() {
+    let scene = load(ROOM, LAMPS);
+    for name in ["path", "bdpt", "light"] {
+        let integrator = crate::integrator::Integrator::find(name).unwrap();
+        let read = |given: &[(&str, u32)]| {
+            let given = given.iter().map(|(name, value)| ((*name).to_owned(), (*value).into()));
+            integrator.read(given.collect()).unwrap()
+        };
+        let all = render(&scene, &layers(&["short=L .? E"]), &read(&[]), 1);
+        let short = render(&scene, &Layers::default(), &read(&[("max_depth", 2)]), 1);
+        let mean = short.iter().copied().sum::<Spectrum>().luminance() / short.len() as f32;
+        for (found, expected) in all[short.len()..].iter().zip(&short) {
+            let apart = found.zip(*expected, |a, b| (a - b).abs()).max_component();
+            assert!(apart <= 1e-5 * mean, "{name}: {found:?}, not {expected:?}");
+        }
+    }
+}
+
+/// What each method finds of a set of paths is the same on average: here the light that a ball of glass throws on the wall, and what is
+/// seen in the ball. Blocks of pixels are held against path tracing.
+#[test]
+fn integrators_agree_on_what_comes_along_which_paths() {
+    let lamp = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.8"/><rotate x="1" angle="180"/>
+        <translate x="0.3" y="0.2" z="3.5"/></transform><emitter type="area"><rgb name="radiance" value="5, 4, 3"/></emitter></shape>"#;
+    let scene = load(ROOM, lamp);
+    let asked = layers(&["caustic=L S+ D E", "seen=L .* D S+ E"]);
+    let size = (SIZE * SIZE) as usize;
+    let means = |settings: &IntegratorSettings, iterations: u32| -> Vec<[f64; 2]> {
+        let sums: Vec<[f64; 2]> = (1..=iterations)
+            .map(|iteration| {
+                let stack = render(&scene, &asked, settings, iteration);
+                [1, 2].map(|plane| {
+                    let pixels = &stack[plane * size..][..size];
+                    pixels.iter().map(|pixel| f64::from(pixel.luminance())).sum::<f64>() / size as f64
+                })
+            })
+            .collect();
+        (0..2)
+            .map(|plane| {
+                let n = f64::from(iterations);
+                let mean = sums.iter().map(|sum| sum[plane]).sum::<f64>() / n;
+                let variance = sums.iter().map(|sum| (sum[plane] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                [mean, (variance / n).sqrt()]
+            })
+            .collect()
+    };
+    let truth = means(&path(), 200);
+    for settings in independent().skip(1).filter(|settings| settings.name() != "light") {
+        for (plane, ([mean, error], [expected, noise])) in means(&settings, 24).into_iter().zip(&truth).enumerate() {
+            // Four standard errors, and what kernels of some hundredths of the scene blur over edges.
+            let allowed = 4.0 * error.hypot(*noise) + 0.04 * expected;
+            assert!(
+                *expected > 1e-3 && 4.0 * error < 0.1 * expected,
+                "{}: {mean}, {error}",
+                settings.name()
+            );
+            assert!(
+                (mean - expected).abs() < allowed,
+                "{}, layer {plane}: {mean} ({error}), not {expected} ({noise})",
+                settings.name()
+            );
+        }
+    }
+}
+
+#[test]
 fn the_picture_is_that_without_layers() {
     let scene = load(ROOM, LAMPS);
     let all = layers(&["alpha", "albedo", "normal", "depth", "position", "halves", "lamp:panel"]);
@@ -210,9 +310,25 @@ fn halves_are_the_odd_and_the_even_iterations() {
 #[test]
 fn names_that_no_layer_has_are_refused() {
     let refused = |names: &[&str]| Layers::parse(names).unwrap_err();
-    for name in ["", "albedos", "lamp:", "lamp:a+", "lamp:*+a", "lamp", "Albedo"] {
+    for name in [
+        "",
+        "albedos",
+        "lamp:",
+        "lamp:a+",
+        "lamp:*+a",
+        "lamp",
+        "Albedo",
+        "=L E",
+        "a b=L E",
+        "depth=L E",
+    ] {
         assert_eq!(refused(&[name]), LayerError::Unknown(name.to_owned()), "{name}");
     }
+    let error = refused(&["caustic=L S+ X E"]).to_string();
+    assert!(
+        error.starts_with("layer `caustic=L S+ X E`: column 6: expected"),
+        "{error}"
+    );
     assert_eq!(refused(&["albedo", "albedo"]), LayerError::Twice("albedo".into()));
     assert_eq!(refused(&["lamp:a.b", "lamp:a b"]), LayerError::Twice("lamp_a_b".into()));
     assert_eq!(refused(&["depth"; MAX_LAYERS + 1]), LayerError::TooMany(MAX_LAYERS + 1));

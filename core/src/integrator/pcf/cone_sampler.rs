@@ -7,7 +7,7 @@ use crate::density::{Cone, Occupancy};
 use crate::integrator::light_paths::Arrival;
 use crate::integrator::{Bandwidth, Job};
 use crate::math::{Vec3, pow, sqr};
-use crate::path::Vertex;
+use crate::path::{States, Vertex};
 use crate::random::{PathRandom, Stream};
 use crate::settings::{DirectionSampler, LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
@@ -95,9 +95,9 @@ impl<'a> ConeSampler<'a> {
             return;
         }
         let wanted = |direction: Vec3| occupancy.is_none_or(|o| o.may_count(position, direction));
-        let mut push = |direction: Vec3, weight: Spectrum| {
+        let mut push = |direction: Vec3, weight: Spectrum, states: States| {
             if !weight.is_black() {
-                records.push(vertex.cone(direction, weight));
+                records.push(vertex.cone(direction, weight, states));
             }
         };
         let walked = |vertex| self.lookup == LookupVertex::Auto && is_automatic_lookup(vertex);
@@ -108,6 +108,7 @@ impl<'a> ConeSampler<'a> {
             push(
                 scattered.wi,
                 vertex.beta * scattered.bsdf.f * (1.0 / scattered.bsdf.pdf),
+                vertex.states.delta,
             );
         }
         if vertex.is_delta() {
@@ -118,7 +119,11 @@ impl<'a> ConeSampler<'a> {
             let mut densities = techniques.densities(scattered.wi);
             densities[BSDF] = scattered.bsdf.pdf;
             let share = techniques.share_over_density(BSDF, densities);
-            push(scattered.wi, vertex.beta * scattered.bsdf.f * share);
+            push(
+                scattered.wi,
+                vertex.beta * scattered.bsdf.f * share,
+                vertex.states.smooth,
+            );
         }
         let mut random = self.random(arrival);
         let (u, choice, v) = (random.next_2d(), random.next_choice(), random.next_2d());
@@ -132,7 +137,11 @@ impl<'a> ConeSampler<'a> {
         for (technique, direction) in sampled {
             if let Some(direction) = direction.filter(|direction| wanted(*direction)) {
                 let share = techniques.share_over_density(technique, techniques.densities(direction));
-                push(direction, vertex.beta * vertex.eval(direction) * share);
+                push(
+                    direction,
+                    vertex.beta * vertex.eval(direction) * share,
+                    vertex.states.smooth,
+                );
             }
         }
     }

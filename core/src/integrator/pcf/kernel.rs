@@ -96,7 +96,7 @@ impl<'a> Kernel<'a> {
         let mut sum = Spectrum::ZERO;
         let mut counted = 0;
         let tested = cones.query(query.position, query.direction, &reach, |cone| {
-            if cone.edges() > query.limit || !on_same_side(&cone, query) {
+            if cone.edges() > query.limit || cone.states() & query.states == 0 || !on_same_side(&cone, query) {
                 return;
             }
             let length = self.length(cone.edges());
@@ -167,7 +167,8 @@ mod tests {
                 let mut random = PathRandom::new(5, 1, Stream::Light, i);
                 let place = (2.0 * random.next_2d() - 1.0) * half;
                 let direction = square_to_sphere(random.next_2d());
-                Cone::new(place.extend(0.0), Vec3::Z, direction, Spectrum::ONE, 1 + (i % 2) as u32)
+                let edges = 1 + (i % 2) as u32;
+                Cone::new(place.extend(0.0), Vec3::Z, direction, Spectrum::ONE, edges, u8::MAX)
             })
             .collect()
     }

@@ -54,6 +54,7 @@ impl Queries {
                         throughput: vertex.beta,
                         camera_edges: vertex.edges,
                         limit: count_edges((max_edges - vertex.edges).min(longest)),
+                        states: vertex.states.arrived,
                         surface: Surface::of(&vertex),
                         pixel: (sample.pixel - first) as u32,
                         radiance: Spectrum::ZERO,

@@ -2,7 +2,7 @@
 
 use crate::integrator::GLOSSY_ROUGHNESS;
 use crate::math::Vec3;
-use crate::path::Vertex;
+use crate::path::{States, Vertex};
 use crate::settings::LookupVertex;
 use crate::spectrum::Spectrum;
 
@@ -40,6 +40,8 @@ pub(super) struct Query {
     pub(super) camera_edges: u32,
     /// Most edges of a light path that counts.
     pub(super) limit: u8,
+    /// Where the camera path is among the words of the scene's path expression.
+    pub(super) states: States,
     pub(super) surface: Surface,
     /// Pixel, counted from the first of the pass.
     pub(super) pixel: u32,
@@ -71,6 +73,7 @@ impl Query {
             throughput: Spectrum::ONE,
             camera_edges: 1,
             limit: u8::MAX,
+            states: crate::path::ANY,
             surface: Surface::Rough,
             pixel: 0,
             radiance: Spectrum::ZERO,

@@ -15,7 +15,7 @@ use super::light_paths::LightPaths;
 use super::{Counts, Found, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
 use crate::density::{Point, PointMap, count_edges, disc_height, radius_at};
 use crate::math::Vec3;
-use crate::path::Vertex;
+use crate::path::{States, Vertex};
 use crate::settings::PppmSettings;
 use crate::spectrum::Spectrum;
 use std::ops::Range;
@@ -64,6 +64,8 @@ struct Photon {
     flux: Spectrum,
     /// Edges of its light path.
     edges: u8,
+    /// Where its path is among the words of the scene's path expression.
+    states: States,
 }
 
 /// Radiance wanted from photons at a camera vertex.
@@ -189,6 +191,7 @@ fn map_photons(
                     wi: vertex.wo,
                     flux: vertex.beta,
                     edges: count_edges(vertex.edges),
+                    states: vertex.states.arrived,
                 },
             });
         }
@@ -240,7 +243,7 @@ fn read(
 /// under even light the disc loses 2 / (3 pi) = 21 % of its area on average over the places within a radius of the edge, and the
 /// half of the other wall's photons that come from above this surface adds 17 %. Without them five times as much would be missing.
 fn reflected(photon: &Photon, query: &Query) -> Option<Spectrum> {
-    if photon.edges > query.limit {
+    if photon.edges > query.limit || photon.states & query.vertex.states.smooth == 0 {
         return None;
     }
     let f = query.vertex.eval(photon.wi);

@@ -333,6 +333,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             materials: self.materials.into(),
             lights,
             lamps: self.lamps.into(),
+            paths: None,
             hide_emitters: self.hide_emitters,
             sensor,
             whole,
