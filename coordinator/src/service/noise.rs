@@ -15,6 +15,7 @@ impl Service {
             let noise = tokio::task::spawn_blocking(move || Image::average(&[node]).map(|image| image.noise()))
                 .await
                 .map_err(|_| ServiceError::Stopping)??;
+            self.histories.measured(job, self.clock.now(), key.end(), noise);
             tracing::info!(%job, iterations = key.end(), noise, "noise measured");
             self.transact(move |farm, _| Ok(farm.checkpoint(job, key, noise)))
                 .await?;

@@ -80,13 +80,15 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 39] = [
+const ROUTES: [(&str, &str, &[Role]); 44] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
     ("GET", "/v1/jobs/{id}/image.exr", LOOKS),
     ("GET", "/v1/jobs/{id}/image.png", LOOKS),
+    ("GET", "/v1/jobs/{id}/image.raw", LOOKS),
     ("GET", "/v1/jobs/{id}/events", LOOKS),
+    ("GET", "/v1/jobs/{id}/history", LOOKS),
     ("GET", "/v1/events", LOOKS),
     ("GET", "/v1/session", LOOKS),
     ("POST", "/v1/session", LOOKS),
@@ -103,6 +105,7 @@ const ROUTES: [(&str, &str, &[Role]); 39] = [
     ("POST", "/v1/jobs/{id}/pause", SENDS),
     ("POST", "/v1/jobs/{id}/resume", SENDS),
     ("POST", "/v1/jobs/{id}/extend", SENDS),
+    ("POST", "/v1/jobs/{id}/retry", SENDS),
     ("PUT", "/v1/jobs/{id}/priority", SENDS),
     ("POST", "/v1/worker/register", WORKS),
     ("POST", "/v1/worker/lease", WORKS),
@@ -120,6 +123,8 @@ const ROUTES: [(&str, &str, &[Role]); 39] = [
     ("DELETE", "/v1/tokens/{name}", RULES),
     ("POST", "/v1/workers/{id}/quarantine", RULES),
     ("POST", "/v1/workers/{id}/release", RULES),
+    ("POST", "/v1/workers/{id}/drain", RULES),
+    ("POST", "/v1/workers/{id}/resume", RULES),
 ];
 
 #[test]
