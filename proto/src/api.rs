@@ -81,6 +81,9 @@ pub struct WorkerStatus {
     /// Why it gets no work, if it is in quarantine.
     #[serde(default)]
     pub quarantine: Option<String>,
+    /// Whether it is drained: it finishes what it holds and gets no more.
+    #[serde(default)]
+    pub drained: bool,
     /// Time since it was last heard of [ms].
     pub silent_ms: u64,
     /// Leases it holds.
@@ -111,6 +114,12 @@ pub struct FarmNews {
     pub gone: Vec<JobId>,
     /// All workers, if something changed.
     pub workers: Option<Vec<WorkerStatus>>,
+    /// Iterations of all jobs that are not paused and that nobody has rendered yet.
+    #[serde(default)]
+    pub pending_iterations: u64,
+    /// What keeps the whole farm from going on.
+    #[serde(default)]
+    pub obstacles: Vec<Obstacle>,
 }
 
 /// Who the farm takes somebody for.

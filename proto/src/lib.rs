@@ -7,6 +7,7 @@
 pub mod api;
 pub mod bundle;
 pub mod codec;
+pub mod history;
 pub mod id;
 pub mod job;
 pub mod limits;

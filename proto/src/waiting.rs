@@ -22,7 +22,7 @@ pub enum Waiting {
     Tags,
     /// No connected worker has the renderer that the job is bound to.
     Renderer,
-    /// Every worker that could do it is in quarantine.
+    /// Every worker that could do it is in quarantine or drained.
     Quarantine,
     /// Workers disagree about a node, and another one has to decide.
     Dispute,

@@ -99,7 +99,10 @@ impl Watcher {
             ..worker.clone()
         };
         let compared: Vec<WorkerStatus> = workers.iter().map(heard).collect();
+        let found = self.service.found_obstacles().into_iter();
         let news = FarmNews {
+            pending_iterations: self.service.figures().await?.pending_iterations,
+            obstacles: found.map(|(_, obstacle)| obstacle).collect(),
             whole,
             jobs: changed.map(|(_, job)| job.clone()).collect(),
             gone: gone.copied().collect(),

@@ -10,6 +10,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobPage};
+use photonfarm_proto::history::JobHistory;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -93,6 +94,16 @@ pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Res
     Ok(Json(service.status(id).await?))
 }
 
+/// What has happened to a job: progress, noise, leases and failures. All but the failures is what the coordinator that answers has seen
+/// since its start.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/history", operation_id = "get_job_history", params(("id" = JobId, Path)),
+    responses((status = 200, body = JobHistory), (status = "4XX", body = Problem))
+)]
+pub(super) async fn history(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobHistory>, ApiError> {
+    Ok(Json(service.history(id).await?))
+}
+
 /// Cancels a job. What has arrived stays. Cancelling a job that has ended changes nothing.
 #[utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", operation_id = "cancel_job", params(("id" = JobId, Path)),
@@ -138,6 +149,25 @@ pub(super) async fn image_png(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     image(service, &spool, (id, ImageFormat::Png), "image/png", &headers).await
+}
+
+/// The image as it stands, as plain numbers: the same as those of the OpenEXR file.
+///
+/// All are little-endian. First 32 bytes: the letters `photonf1`, pixels across and down (32-bit integers), iterations (64-bit
+/// integer), and the noise (64-bit float; NaN where unknown). Then for each pixel, row by row from the top left, four 32-bit floats:
+/// radiance in red, green and blue, and the standard error of the luminance (NaN where unknown).
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image.raw", operation_id = "get_job_raw", params(("id" = JobId, Path)),
+    responses((status = 200, content_type = "application/octet-stream"), (status = 304), (status = "4XX", body = Problem))
+)]
+pub(super) async fn image_raw(
+    State(service): State<App>,
+    Extension(spool): Extension<Arc<Spool>>,
+    Id(id): Id<JobId>,
+    headers: HeaderMap,
+) -> Result<Response, ApiError> {
+    let media_type = "application/octet-stream";
+    image(service, &spool, (id, ImageFormat::Raw), media_type, &headers).await
 }
 
 async fn image(

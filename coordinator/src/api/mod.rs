@@ -158,7 +158,9 @@ fn read_routes() -> Routes {
         .get("/v1/jobs/{id}", jobs::status)
         .get("/v1/jobs/{id}/image.exr", jobs::image_exr)
         .get("/v1/jobs/{id}/image.png", jobs::image_png)
+        .get("/v1/jobs/{id}/image.raw", jobs::image_raw)
         .get("/v1/jobs/{id}/events", events::events)
+        .get("/v1/jobs/{id}/history", jobs::history)
         .get("/v1/events", farm::events)
         .get("/v1/session", session::show)
         .post("/v1/session", session::create)
@@ -185,6 +187,7 @@ fn submit_routes() -> Routes {
         .post("/v1/jobs/{id}/pause", steer::pause)
         .post("/v1/jobs/{id}/resume", steer::resume)
         .post("/v1/jobs/{id}/extend", steer::extend)
+        .post("/v1/jobs/{id}/retry", steer::retry)
         .put("/v1/jobs/{id}/priority", steer::prioritize)
 }
 
@@ -210,6 +213,8 @@ fn admin_routes() -> Routes {
         .delete("/v1/tokens/{name}", tokens::revoke)
         .post("/v1/workers/{id}/quarantine", steer::quarantine)
         .post("/v1/workers/{id}/release", steer::release)
+        .post("/v1/workers/{id}/drain", steer::drain)
+        .post("/v1/workers/{id}/resume", steer::resume_worker)
 }
 
 /// The OpenAPI document of the public interface.

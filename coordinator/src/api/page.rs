@@ -17,7 +17,7 @@ macro_rules! file {
 /// The media type of pages.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
 
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 21] = [
     file!("index.html", "text/html; charset=utf-8"),
     file!("main.js", "text/javascript; charset=utf-8"),
     file!("farm.js", "text/javascript; charset=utf-8"),
@@ -25,6 +25,18 @@ const FILES: [(&str, &str, &str); 9] = [
     file!("job.js", "text/javascript; charset=utf-8"),
     file!("workers.js", "text/javascript; charset=utf-8"),
     file!("words.js", "text/javascript; charset=utf-8"),
+    file!("raw.js", "text/javascript; charset=utf-8"),
+    file!("tone.js", "text/javascript; charset=utf-8"),
+    file!("viewer.js", "text/javascript; charset=utf-8"),
+    file!("compare.js", "text/javascript; charset=utf-8"),
+    file!("plots.js", "text/javascript; charset=utf-8"),
+    file!("timeline.js", "text/javascript; charset=utf-8"),
+    file!("history.js", "text/javascript; charset=utf-8"),
+    file!("commands.js", "text/javascript; charset=utf-8"),
+    file!("overview.js", "text/javascript; charset=utf-8"),
+    file!("drop.js", "text/javascript; charset=utf-8"),
+    file!("archive.js", "text/javascript; charset=utf-8"),
+    file!("blake3.js", "text/javascript; charset=utf-8"),
     file!("style.css", "text/css; charset=utf-8"),
     file!("icon.svg", "image/svg+xml"),
 ];

@@ -43,6 +43,20 @@ pub(super) async fn extend(
     Ok(Json(service.extend_job(id, request.iterations, &caller).await?))
 }
 
+/// Gives iterations that were given up new attempts: of a job that goes on, or of one that failed, which goes on then. What was
+/// held against them is forgotten. A job without such iterations stays as it is; one that was cancelled is refused.
+#[utoipa::path(
+    post, path = "/v1/jobs/{id}/retry", operation_id = "retry_job", params(("id" = JobId, Path)),
+    responses((status = 200, body = JobStatus), (status = "4XX", body = Problem))
+)]
+pub(super) async fn retry(
+    State(service): State<App>,
+    Steered(id): Steered,
+    By(caller): By,
+) -> Result<Json<JobStatus>, ApiError> {
+    Ok(Json(service.retry_job(id, &caller).await?))
+}
+
 /// Sets the priority of a job: its weight among the jobs of its owner.
 #[utoipa::path(
     put, path = "/v1/jobs/{id}/priority", operation_id = "set_job_priority", params(("id" = JobId, Path)), request_body = SetPriority,
@@ -76,4 +90,25 @@ pub(super) async fn quarantine(
 )]
 pub(super) async fn release(State(service): State<App>, Id(id): Id<WorkerId>) -> Result<Json<WorkerStatus>, ApiError> {
     Ok(Json(service.release_worker(id).await?))
+}
+
+/// Gives a worker no new work. What it holds it finishes, and that counts.
+#[utoipa::path(
+    post, path = "/v1/workers/{id}/drain", operation_id = "drain_worker", params(("id" = WorkerId, Path)),
+    responses((status = 200, body = WorkerStatus), (status = "4XX", body = Problem))
+)]
+pub(super) async fn drain(State(service): State<App>, Id(id): Id<WorkerId>) -> Result<Json<WorkerStatus>, ApiError> {
+    Ok(Json(service.drain_worker(id, true).await?))
+}
+
+/// Gives a worker that was drained work again.
+#[utoipa::path(
+    post, path = "/v1/workers/{id}/resume", operation_id = "resume_worker", params(("id" = WorkerId, Path)),
+    responses((status = 200, body = WorkerStatus), (status = "4XX", body = Problem))
+)]
+pub(super) async fn resume_worker(
+    State(service): State<App>,
+    Id(id): Id<WorkerId>,
+) -> Result<Json<WorkerStatus>, ApiError> {
+    Ok(Json(service.drain_worker(id, false).await?))
 }

@@ -37,7 +37,7 @@ export function acting(tell) {
 
 /** Follows the farm. `changed` is called after every change, `connected` with true or false. Returns what is known, and `stop`. */
 export function follow(changed, connected) {
-  const farm = { jobs: new Map(), workers: [], stop: () => source.close() };
+  const farm = { jobs: new Map(), workers: [], pending: 0, obstacles: [], stop: () => source.close() };
   const source = new EventSource("v1/events");
   source.addEventListener("farm", (event) => {
     const news = JSON.parse(event.data);
@@ -45,6 +45,8 @@ export function follow(changed, connected) {
     for (const job of news.jobs) farm.jobs.set(job.id, job);
     for (const id of news.gone) farm.jobs.delete(id);
     if (news.workers) farm.workers = news.workers;
+    farm.pending = news.pending_iterations ?? 0;
+    farm.obstacles = news.obstacles ?? [];
     connected(true);
     changed();
   });

@@ -1,44 +1,13 @@
 // One job: its picture as it sharpens, what it does, and what can be done with it.
 
+import { commandsView } from "./commands.js";
+import { compareView } from "./compare.js";
 import { acting, ask } from "./farm.js";
+import { historyView } from "./history.js";
 import { pictureOf } from "./jobs.js";
+import { Feed } from "./raw.js";
+import { Viewer } from "./viewer.js";
 import { element, ended, nameOf, progressOf, reasonOf, since, span, stateOf } from "./words.js";
-
-const ZOOMS = [["Fit", 0], ["1:1", 1], ["2:1", 2], ["4:1", 4], ["8:1", 8]];
-
-/** The picture, which is replaced when the next one is there: nothing flickers. */
-function pictureView() {
-  const image = element("img", { class: "fit", alt: "The picture as it stands" });
-  const frame = element("div", { class: "picture", tabindex: 0, role: "region", "aria-label": "Picture" }, image);
-  let [zoom, wanted] = [0, ""];
-  const size = () => {
-    image.className = zoom === 0 ? "fit" : "";
-    if (zoom > 0) image.width = image.naturalWidth * zoom;
-    else image.removeAttribute("width");
-  };
-  image.addEventListener("load", size);
-  const buttons = ZOOMS.map(([text, factor]) =>
-    element("button", {
-      type: "button",
-      "aria-pressed": String(factor === zoom),
-      click: () => {
-        zoom = factor;
-        buttons.forEach((button, index) => button.setAttribute("aria-pressed", String(ZOOMS[index][1] === zoom)));
-        size();
-      },
-    }, text));
-  const update = (job) => {
-    const source = job.iterations_done > 0 ? pictureOf(job) : "";
-    if (!source || source === wanted) return;
-    wanted = source;
-    const next = new Image();
-    next.onload = () => {
-      if (wanted === source) image.src = source;
-    };
-    next.src = source;
-  };
-  return { nodes: [element("div", { class: "actions", role: "group", "aria-label": "Zoom" }, buttons), frame], update };
-}
 
 function facts(job) {
   const seconds = Object.values(job.totals.seconds).reduce((sum, value) => sum + value, 0);
@@ -71,6 +40,7 @@ function actionsView(id, act) {
   const button = (text, run, attributes = {}) => element("button", { type: "button", click: () => act(run), ...attributes }, text);
   const pause = button("Pause", () => ask("POST", `jobs/${id}/pause`, {}));
   const resume = button("Resume", () => ask("POST", `jobs/${id}/resume`, {}));
+  const retry = button("Retry what failed", () => ask("POST", `jobs/${id}/retry`, {}));
   const cancel = button("Cancel", () => confirm(`Cancel job ${id}? What has arrived stays.`) && ask("POST", `jobs/${id}/cancel`, {}), { class: "bad" });
   const remove = button("Delete", () => confirm(`Delete job ${id} with its picture?`) && ask("DELETE", `jobs/${id}`), { class: "bad" });
   const form = (label, field, text, run) =>
@@ -87,6 +57,7 @@ function actionsView(id, act) {
     const state = stateOf(job);
     pause.hidden = ended(job) || state === "paused";
     resume.hidden = state !== "paused";
+    retry.hidden = job.state !== "failed" && (ended(job) || job.poisoned.length === 0);
     cancel.hidden = ended(job);
     remove.hidden = !ended(job);
     weight.hidden = ended(job);
@@ -94,24 +65,52 @@ function actionsView(id, act) {
     if (!more.value) more.value = 2 * job.spec.iterations;
     if (!priority.value) priority.value = job.spec.schedule?.priority ?? 10;
   };
-  return { nodes: [element("div", { class: "actions" }, pause, resume, cancel, remove), element("div", { class: "actions" }, extend, weight)], update };
+  return { nodes: [element("div", { class: "actions" }, pause, resume, retry, cancel, remove), element("div", { class: "actions" }, extend, weight)], update };
+}
+
+/** The picture: in numbers as it sharpens, or as a PNG where there are too many; and what it is compared with. */
+function pictureView(farm, id, act) {
+  const viewer = new Viewer();
+  const compare = compareView(farm, id, viewer, act);
+  const feed = new Feed(id, compare.shown);
+  const links = ["exr", "png"].map((format) => element("a", { href: `v1/jobs/${id}/image.${format}`, download: `job-${id}.${format}` }, format === "exr" ? "OpenEXR" : "PNG"));
+  const node = element("div", { hidden: true }, viewer.node, compare.node, element("p", {}, "Download: ", links[0], " ", links[1]));
+  const update = (job) => {
+    node.hidden = job.iterations_done === 0;
+    if (node.hidden) return;
+    feed.update(job);
+    viewer.showPlain(pictureOf(job));
+    compare.update();
+  };
+  return { node, update, stop: () => feed.stop() };
+}
+
+/** Warnings, and all settings. */
+function detailsView() {
+  const [settings, warnings] = [element("pre", { tabindex: 0, "aria-label": "Settings" }), element("ul")];
+  const warned = element("section", {}, element("h2", {}, "Warnings of the scene"), warnings);
+  let shown = "";
+  const update = (job) => {
+    const { schedule, ...asked } = job.spec;
+    const now = JSON.stringify([job.warnings, { ...asked, integrator: job.integrator ?? asked.integrator, schedule }]);
+    if (now === shown) return;
+    shown = now;
+    warned.hidden = job.warnings.length === 0;
+    warnings.replaceChildren(...job.warnings.map((warning) => element("li", {}, warning)));
+    settings.textContent = JSON.stringify(JSON.parse(now)[1], null, 2);
+  };
+  return { nodes: [warned, element("details", {}, element("summary", {}, "All settings"), settings)], update };
 }
 
 export function jobView(farm, id, tell) {
-  const title = element("h1");
-  const picture = pictureView();
-  const links = element("p", {}, element("a", { href: `v1/jobs/${id}/image.exr`, download: `job-${id}.exr` }, "OpenEXR"), " ", element("a", { href: `v1/jobs/${id}/image.png`, download: `job-${id}.png` }, "PNG"));
-  const [list, settings] = [element("dl"), element("pre", { tabindex: 0 })];
-  const [warnings, failures] = [element("section"), element("section")];
   const act = acting(tell);
-  const actions = actionsView(id, act);
-  const bar = element("progress", { "aria-label": "iterations" });
-  const body = element("div", {}, bar, picture.nodes, links, actions.nodes, element("h2", {}, "Now"), list, warnings, failures, element("h2", {}, "Settings"), settings);
+  const [title, list, bar] = [element("h1"), element("dl"), element("progress", { "aria-label": "iterations" })];
+  const [picture, actions, history, commands, details] = [pictureView(farm, id, act), actionsView(id, act), historyView(id), commandsView(), detailsView()];
+  const now = element("section", {}, element("h2", {}, "Now"), list);
+  const body = element("div", {}, bar, element("div", { class: "two" }, element("div", {}, picture.node), element("div", {}, actions.nodes, now)),
+    history.nodes, details.nodes, commands.node);
   const gone = element("p", { hidden: true }, "There is no such job among the newest of the farm.");
   const node = element("section", {}, title, gone, body);
-  const section = (node, text, items) =>
-    node.replaceChildren(...(items.length === 0 ? [] : [element("h2", {}, text), element("ul", {}, items.map((item) => element("li", {}, item)))]));
-  let shown = "";
   const update = () => {
     const job = farm.jobs.get(id);
     gone.hidden = Boolean(job);
@@ -120,16 +119,10 @@ export function jobView(farm, id, tell) {
     if (!job) return;
     bar.max = job.spec.iterations;
     bar.value = job.iterations_rendered;
-    picture.update(job);
-    links.hidden = job.iterations_done === 0;
-    actions.update(job);
+    [picture, actions, history, commands, details].forEach((part) => part.update(job));
     list.replaceChildren(...facts(job).flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
-    const now = JSON.stringify([job.warnings, job.poisoned, job.integrator]);
-    if (now === shown) return;
-    shown = now;
-    section(warnings, "Warnings of the scene", job.warnings);
-    section(failures, "Iterations that were given up", job.poisoned.map((it) => `${it.iteration}: ${it.attempts.map((attempt) => `worker ${attempt.worker}: ${attempt.message}`).join("; ")}`));
-    settings.textContent = JSON.stringify(job.integrator ?? job.spec.integrator, null, 2);
   };
-  return { title: `Job ${id}`, node, update };
+  actions.nodes.forEach((part) => (part.hidden = farm.role === "read"));
+  const stop = () => [picture, history].forEach((part) => part.stop());
+  return { title: `Job ${id}`, node, update, stop };
 }

@@ -1,5 +1,7 @@
 // The list of jobs.
 
+import { dropView } from "./drop.js";
+import { overview } from "./overview.js";
 import { element, nameOf, progressOf, reasonOf, since, stateOf } from "./words.js";
 
 /** The picture of a job as it stands; another address for every number of iterations. */
@@ -26,12 +28,15 @@ function card(id) {
   return { node, update };
 }
 
-export function jobsView(farm) {
+export function jobsView(farm, tell) {
   const list = element("ul", { class: "jobs" });
-  const none = element("p", { hidden: true }, "There are no jobs. ", element("code", {}, "photonfarm submit scene.xml"), " sends one.");
-  const node = element("section", {}, element("h1", {}, "Jobs"), none, list);
+  const none = element("p", { hidden: true }, "There are no jobs. ", element("code", {}, "photonfarm submit scene.xml"), " sends one, and so does a scene that is dropped here.");
+  const [glance, drop] = [overview(farm), dropView(tell)];
+  drop.node.hidden = farm.role === "read";
+  const node = element("section", {}, element("h1", {}, "Jobs"), glance.node, drop.node, none, list);
   const cards = new Map();
   const update = () => {
+    glance.update();
     const jobs = [...farm.jobs.values()].sort((a, b) => b.id - a.id);
     none.hidden = jobs.length > 0;
     for (const [id, { node }] of cards) {
@@ -47,5 +52,5 @@ export function jobsView(farm) {
       if (list.children[place] !== node) list.insertBefore(node, list.children[place] ?? null);
     });
   };
-  return { title: "Jobs", node, update };
+  return { title: "Jobs", node, update, stop: drop.stop };
 }

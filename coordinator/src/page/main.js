@@ -22,12 +22,13 @@ function tell(text) {
 function viewOf(hash) {
   const job = /^#\/jobs\/(\d+)$/.exec(hash);
   if (job) return jobView(farm, Number(job[1]), tell);
-  return hash === "#/workers" ? workersView(farm, tell) : jobsView(farm);
+  return hash === "#/workers" ? workersView(farm, tell) : jobsView(farm, tell);
 }
 
 function show() {
   if (!farm) return;
   tell("");
+  view?.stop?.();
   view = viewOf(location.hash);
   place.replaceChildren(view.node);
   view.update();
@@ -75,6 +76,7 @@ async function start() {
     signOut.hidden = !session.name;
     signOut.textContent = `Sign out ${session.name}`;
     farm = follow(() => view?.update(), connected);
+    farm.role = session.role;
     show();
   } catch (error) {
     if (error instanceof Refused && [401, 403].includes(error.status)) signIn("This farm asks for a token. It is kept by your browser, where no page can read it.");

@@ -12,6 +12,19 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+/** A shape of an SVG with attributes and children. */
+export function shape(tag, attributes = {}, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}
+
+/** A share in percent, with as many digits as it is worth. */
+export function percent(share) {
+  return `${Number((100 * share).toPrecision(share < 1 ? 2 : 3))} %`;
+}
+
 /** A span of time, such as 3 h. */
 export function span(seconds) {
   for (const [unit, length] of [["d", 86400], ["h", 3600], ["min", 60]]) {

@@ -66,7 +66,7 @@ impl Farm {
     }
 
     fn next_lease(&self, worker: WorkerId, serial: u64, now: Millis) -> Option<LeaseRecord> {
-        let known = self.workers.get(worker).filter(|known| !known.is_held())?;
+        let known = self.workers.get(worker).filter(|known| known.may_work())?;
         if self.leases_of(worker).count() >= LEASES_OF_A_WORKER {
             return None;
         }

@@ -169,6 +169,14 @@ impl Job {
         }
     }
 
+    /// Whatever failed is tried again as if for the first time.
+    fn forget_failures(&mut self) {
+        self.failures = Table::default();
+        for (leaf, ()) in std::mem::take(&mut self.given_up).iter() {
+            self.free_within(NodeKey::leaf(*leaf));
+        }
+    }
+
     fn set_control(&mut self, control: JobControl) {
         let before = self.leaves();
         self.demand = Arc::new(Demand::of(&control));
@@ -348,6 +356,12 @@ impl Job {
             .ok_or(Refusal::StaleLease(token))
     }
 
+    /// What is kept of a lease that is held.
+    #[must_use]
+    pub fn lease_record(&self, token: LeaseToken) -> Option<&LeaseRecord> {
+        Some(&self.leases.get(&token)?.record)
+    }
+
     pub(super) fn end_lease(&self, token: LeaseToken) -> Change {
         Change::LeaseEnded { job: self.id(), token }
     }
@@ -421,6 +435,7 @@ impl Job {
             }
             Change::NodeLost { node, .. } => self.forget_node(*node),
             Change::LeafFailed { leaf, attempt, .. } => self.note_failure(*leaf, attempt.clone(), config),
+            Change::FailuresForgotten { .. } => self.forget_failures(),
             // What concerns leases of several jobs, workers, or a job as a whole, is the farm's.
             Change::LeasesRenewed(_)
             | Change::JobEnded { .. }

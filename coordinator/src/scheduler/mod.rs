@@ -321,7 +321,8 @@ impl Farm {
             | Change::NodeJudged { job, .. }
             | Change::NodeMerged { job, .. }
             | Change::NodeLost { job, .. }
-            | Change::LeafFailed { job, .. } => self.evolve_job(*job, change, now),
+            | Change::LeafFailed { job, .. }
+            | Change::FailuresForgotten { job } => self.evolve_job(*job, change, now),
         }
     }
 

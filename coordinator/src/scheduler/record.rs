@@ -108,6 +108,11 @@ pub enum Change {
         /// How it failed.
         attempt: FailedAttempt,
     },
+    /// What failed so far of a job is forgotten: iterations that were given up are tried again.
+    FailuresForgotten {
+        /// The job.
+        job: JobId,
+    },
     /// The job ended; its leases with it.
     JobEnded {
         /// The job.
@@ -224,6 +229,8 @@ pub struct Standing {
     pub faults: u32,
     /// Why it gets no work.
     pub quarantine: Option<String>,
+    /// Whether somebody wants it to finish what it holds and get no more.
+    pub drained: bool,
 }
 
 /// What of a job never changes.

@@ -46,6 +46,11 @@ impl Worker {
         self.record.standing.quarantine.is_some()
     }
 
+    /// Whether it may be given work.
+    pub(super) fn may_work(&self) -> bool {
+        !self.is_held() && !self.record.standing.drained
+    }
+
     /// What it can do.
     pub(super) fn skill(&self) -> &Arc<Skill> {
         &self.skill
@@ -53,7 +58,7 @@ impl Worker {
 
     /// Whether it may work on a job.
     pub(super) fn fits(&self, job: &Job) -> bool {
-        self.skill.meets(&job.demand) && !self.is_held()
+        self.skill.meets(&job.demand) && self.may_work()
     }
 }
 
@@ -78,13 +83,13 @@ pub(super) struct Crew {
     /// Those that may work, by who is behind them.
     principals: Table<Principal, u64>,
     workers: u64,
-    /// Number of those in quarantine.
+    /// Number of those that may not: they are in quarantine or drained.
     pub(super) held: u64,
 }
 
 impl Crew {
     fn count(&mut self, worker: &Worker, inside: bool) {
-        if worker.is_held() {
+        if !worker.may_work() {
             match inside {
                 true => self.held += 1,
                 false => self.held -= 1,

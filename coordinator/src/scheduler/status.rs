@@ -30,13 +30,17 @@ impl Job {
         workers.collect::<BTreeSet<_>>().len()
     }
 
+    /// The iterations at which attempts failed, those among them that were rendered since.
+    #[must_use]
+    pub fn failed_attempts(&self) -> Vec<Poisoned> {
+        let failures = self.failures.iter();
+        failures.map(|(leaf, attempts)| poisoned(*leaf, attempts)).collect()
+    }
+
     /// How far the job has come.
     #[must_use]
     pub fn status(&self) -> JobStatus {
-        let poisoned = self.given_up().map(|(leaf, attempts)| Poisoned {
-            iteration: leaf + 1,
-            attempts: attempts.iter().map(|failed| failed.attempt.clone()).collect(),
-        });
+        let poisoned = self.given_up().map(|(leaf, attempts)| poisoned(leaf, attempts));
         JobStatus {
             id: self.id(),
             state: self.state,
@@ -64,6 +68,13 @@ impl Job {
     }
 }
 
+fn poisoned(leaf: u32, attempts: &[FailedAttempt]) -> Poisoned {
+    Poisoned {
+        iteration: leaf + 1,
+        attempts: attempts.iter().map(|failed| failed.attempt.clone()).collect(),
+    }
+}
+
 impl Farm {
     /// How far a job that has not ended has come.
     #[must_use]
@@ -74,6 +85,12 @@ impl Farm {
             waiting_reason,
             ..job.status()
         }
+    }
+
+    /// A worker's name for people.
+    #[must_use]
+    pub fn worker_name(&self, id: WorkerId) -> Option<&str> {
+        Some(&self.workers.get(id)?.record.name)
     }
 
     /// A worker by number and, where it is known, by name.
@@ -135,7 +152,7 @@ impl Farm {
                     job.id()
                 )
             }
-            Waiting::Quarantine => "every worker that could do it is in quarantine".into(),
+            Waiting::Quarantine => "every worker that could do it is in quarantine or drained".into(),
             _ => "no worker is connected".into(),
         }
     }

@@ -1,4 +1,4 @@
-//! What people change about jobs: pause, resume, cancel, extend, delete, priority. Everything may be repeated without harm.
+//! What people change about jobs: pause, resume, cancel, extend, retry, delete, priority. Everything may be repeated without harm.
 
 use super::record::{Change, JobControl, JobRecord, Millis};
 use super::{Decision, Farm, Job, Refusal};
@@ -81,6 +81,40 @@ impl Farm {
             ..record.clone()
         });
         Ok(Decision::new((), vec![Change::JobReopened { record, ended_ms }]))
+    }
+
+    /// Gives the iterations that were given up new attempts: of a job that goes on, or of one that failed, as `ended` says.
+    pub fn retry(&self, id: JobId, ended: Option<&JobRecord>) -> Result<Decision<()>, Refusal> {
+        let forgotten = Change::FailuresForgotten { job: id };
+        if let Some(job) = self.job(id) {
+            let changes = if job.given_up.is_empty() {
+                vec![]
+            } else {
+                vec![forgotten]
+            };
+            return Ok(Decision::new((), changes));
+        }
+        let record = ended.ok_or(Refusal::UnknownJob(id))?;
+        let Some(ended_ms) = record.ended_ms.filter(|_| record.state == JobState::Failed) else {
+            return match record.state {
+                JobState::Done => Ok(Decision::new((), vec![])),
+                _ => Err(Refusal::JobEnded(id)),
+            };
+        };
+        let mut control = record.control.clone();
+        // It may have passed while nobody could do anything about it.
+        control.schedule.deadline_ms = None;
+        control.schedule.paused = false;
+        let record = Box::new(JobRecord {
+            control,
+            state: JobState::Running,
+            failure: None,
+            ended_ms: None,
+            failures: vec![],
+            ..record.clone()
+        });
+        let reopened = Change::JobReopened { record, ended_ms };
+        Ok(Decision::new((), vec![reopened, forgotten]))
     }
 
     /// Deletes a job that has ended, as `record` says.

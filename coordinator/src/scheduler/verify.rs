@@ -288,7 +288,7 @@ impl Farm {
                 let standing = Standing {
                     verified: known.record.standing.verified.saturating_add(1),
                     faults: 0,
-                    quarantine: known.record.standing.quarantine.clone(),
+                    ..known.record.standing.clone()
                 };
                 changes.push(Change::WorkerJudged { worker, standing });
             }
@@ -369,6 +369,7 @@ impl Farm {
                         verified: 0,
                         faults: standing.faults,
                         quarantine: Some(reason.clone()),
+                        drained: standing.drained,
                     });
                 }
             }
@@ -398,7 +399,10 @@ impl Farm {
         let held = self.namesakes(&known.record).filter(|other| other.is_held());
         let change = |other: &Worker| Change::WorkerJudged {
             worker: other.record.id,
-            standing: Standing::default(),
+            standing: Standing {
+                drained: other.record.standing.drained,
+                ..Standing::default()
+            },
         };
         Ok(Decision::new((), held.map(change).collect()))
     }

@@ -24,6 +24,7 @@ impl Farm {
             verified: worker.record.standing.verified,
             faults: worker.record.standing.faults,
             quarantine: worker.record.standing.quarantine.clone(),
+            drained: worker.record.standing.drained,
             silent_ms: now.saturating_sub(worker.last_seen_ms),
             leases: self.held.of(worker.id()).count() as u32,
             jobs: self.held.of(worker.id()).map(|(job, _)| job).collect(),
@@ -65,7 +66,10 @@ impl Farm {
         let is_gone = |other: &&Worker| self.is_silent(other, now) && !self.holds_leases(other.id());
         let held: Vec<&Worker> = self.namesakes(&record).filter(|other| other.is_held()).collect();
         if let Some(other) = held.first() {
-            record.standing = other.record.standing.clone();
+            record.standing = Standing {
+                drained: false,
+                ..other.record.standing.clone()
+            };
         }
         let mut forgotten: Vec<WorkerId> = held.into_iter().filter(is_gone).map(Worker::id).collect();
         let of_token = || {
@@ -83,6 +87,20 @@ impl Farm {
         let mut changes: Vec<Change> = forgotten.into_iter().map(Change::WorkerForgotten).collect();
         changes.push(Change::WorkerRegistered(record));
         Ok(Decision::new(id, changes))
+    }
+
+    /// Gives a worker no new work, or work again. One that is started anew is another worker.
+    pub fn drain(&self, worker: WorkerId, drained: bool) -> Result<Decision<()>, Refusal> {
+        let known = self.workers.get(worker).ok_or(Refusal::UnknownWorker(worker))?;
+        let before = &known.record.standing;
+        if before.drained == drained {
+            return Ok(Decision::new((), vec![]));
+        }
+        let standing = Standing {
+            drained,
+            ..before.clone()
+        };
+        Ok(Decision::new((), vec![Change::WorkerJudged { worker, standing }]))
     }
 
     /// The workers for which quarantine of this one holds, itself among them.

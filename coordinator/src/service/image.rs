@@ -1,11 +1,12 @@
 //! The image of a job at any time: the average over the nodes that count.
 
+use super::raw::encode_raw;
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
 use crate::store::BlobReader;
 use axum::body::Bytes;
 use photonfarm_core::film::Image;
-use photonfarm_core::picture::{self, PictureMetadata};
+use photonfarm_core::picture::{self, PictureError, PictureMetadata};
 use photonfarm_core::tree::Average;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -21,6 +22,8 @@ pub enum ImageFormat {
     Exr,
     /// PNG by a tone curve.
     Png,
+    /// Plain numbers ([`encode_raw`]).
+    Raw,
 }
 
 impl ImageFormat {
@@ -29,7 +32,13 @@ impl ImageFormat {
         match self {
             Self::Exr => "exr",
             Self::Png => "png",
+            Self::Raw => "raw",
         }
+    }
+
+    /// Whether the picture of a job that has ended is kept. Plain numbers take more room than they take time to make.
+    pub(super) fn is_kept(self) -> bool {
+        self != Self::Raw
     }
 }
 
@@ -84,7 +93,8 @@ impl Service {
         format: ImageFormat,
         etag: &str,
     ) -> Result<Option<PictureFile>, ServiceError> {
-        let _once = match job.ended_ms() {
+        let kept_ms = job.ended_ms().filter(|_| format.is_kept());
+        let _once = match kept_ms {
             Some(_) => Some(self.finishing.lock().await),
             None => None,
         };
@@ -96,20 +106,27 @@ impl Service {
             return Ok(None);
         };
         let (metadata, layers) = (metadata(job), job.layers());
-        let encode = move || match format {
-            ImageFormat::Exr => {
-                let channels = layers.channels(&image)?;
-                let image = layers.picture(image)?;
-                let noise = image.noise();
-                picture::encode_exr(&image, channels, &PictureMetadata { noise, ..metadata })
-            }
-            ImageFormat::Png => picture::encode_png(&layers.picture(image)?),
+        let iterations = image.iterations;
+        let encode = move || {
+            let channels = match format {
+                ImageFormat::Exr => layers.channels(&image)?,
+                ImageFormat::Png | ImageFormat::Raw => Vec::new(),
+            };
+            let image = layers.picture(image)?;
+            let noise = image.noise();
+            let bytes = match format {
+                ImageFormat::Raw => encode_raw(&image, noise),
+                ImageFormat::Exr => picture::encode_exr(&image, channels, &PictureMetadata { noise, ..metadata })?,
+                ImageFormat::Png => picture::encode_png(&image)?,
+            };
+            Ok::<_, PictureError>((bytes, noise))
         };
-        let bytes = tokio::task::spawn_blocking(encode)
+        let (bytes, noise) = tokio::task::spawn_blocking(encode)
             .await
             .map_err(|_| ServiceError::Stopping)??;
+        self.histories.measured(job.id(), self.clock.now(), iterations, noise);
         let bytes = Bytes::from(bytes);
-        if let Some(ended_ms) = job.ended_ms() {
+        if let Some(ended_ms) = kept_ms {
             self.keep_picture((job.id(), ended_ms), format, etag, bytes.clone())
                 .await;
         }

@@ -11,7 +11,7 @@ use futures_util::Stream;
 use photonfarm_proto::api::{BundleReply, JobPage, WorkerStatus};
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
-use photonfarm_proto::job::{JobSpec, JobStatus};
+use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_priority;
 use std::sync::Arc;
@@ -246,6 +246,33 @@ impl Service {
             self.collect(pictures);
         }
         self.status(id).await
+    }
+
+    /// Gives the iterations of a job that were given up new attempts.
+    pub(crate) async fn retry_job(self: &Arc<Self>, id: JobId, caller: &Caller) -> Result<JobStatus, ServiceError> {
+        let _one_at_a_time = self.submitting.lock().await;
+        let record = self.stores.state.job(id).await?.ok_or(Refusal::UnknownJob(id))?;
+        let ended = Some(record).filter(|record| record.ended_ms.is_some());
+        let reopens = ended.as_ref().is_some_and(|record| record.state == JobState::Failed);
+        if reopens {
+            self.check_quota(caller, 1, 0).await?;
+        }
+        let pictures = self.stores.state.pictures(id).await?;
+        self.transact(move |farm, _| farm.retry(id, ended.as_ref())).await?;
+        if reopens {
+            self.collect(pictures);
+        }
+        self.status(id).await
+    }
+
+    /// Gives a worker no new work, or work again.
+    pub(crate) async fn drain_worker(
+        self: &Arc<Self>,
+        worker: WorkerId,
+        drained: bool,
+    ) -> Result<WorkerStatus, ServiceError> {
+        self.transact(move |farm, _| farm.drain(worker, drained)).await?;
+        self.worker(worker).await
     }
 
     /// Puts a worker into quarantine.

@@ -52,6 +52,9 @@ pub(super) fn note(farm: &Farm, change: &Change) {
             Loss::Replaced => tracing::debug!(%job, %node, "node replaced by one that contains it"),
             Loss::Left => tracing::debug!(%job, %node, "node left out: the job stopped before it"),
         },
+        Change::FailuresForgotten { job } => {
+            tracing::info!(%job, "what failed of it is tried again, as if for the first time");
+        }
         Change::LeafFailed { job, leaf, attempt } => {
             let attempt = &attempt.attempt;
             failed(*job, *leaf, attempt, &named(&attempt.worker));
@@ -82,6 +85,7 @@ fn ended(state: JobState) -> &'static str {
 fn judged(worker: &str, standing: &Standing) {
     match &standing.quarantine {
         Some(reason) => tracing::error!("{worker} is in quarantine: {reason}"),
+        None if standing.drained => tracing::info!("{worker} is drained: it finishes what it holds and gets no more"),
         None => tracing::debug!(
             "{worker} has {} nodes confirmed and {} faults",
             standing.verified,

@@ -18,7 +18,7 @@ impl Service {
         format: ImageFormat,
         etag: &str,
     ) -> Result<Option<(u64, BlobReader)>, ServiceError> {
-        if job.ended_ms().is_none() {
+        if job.ended_ms().is_none() || !format.is_kept() {
             return Ok(None);
         }
         let kept = self.stores.state.picture(job.id(), format.name()).await?;

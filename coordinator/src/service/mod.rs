@@ -9,6 +9,7 @@ mod ended_tests;
 mod error;
 mod fold;
 mod garbage;
+mod history;
 mod image;
 mod jobs;
 mod journal;
@@ -17,6 +18,7 @@ mod merge;
 mod nodes;
 mod noise;
 mod obstacles;
+mod raw;
 mod retention;
 mod scenes;
 mod shared;
@@ -93,6 +95,7 @@ pub struct Service {
     obstacles: obstacles::Obstacles,
     missing_files: scenes::MissingFiles,
     pub(crate) counts: counts::Counts,
+    histories: history::Histories,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
@@ -152,6 +155,7 @@ impl Service {
             obstacles: obstacles::Obstacles::default(),
             missing_files: scenes::MissingFiles::default(),
             counts: counts::Counts::default(),
+            histories: history::Histories::default(),
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
             naming: RwLock::default(),
@@ -304,6 +308,7 @@ impl Service {
     /// Applies changes of this coordinator that are kept.
     fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
         let garbage = garbage::superfluous(&cell.farm, changes);
+        self.histories.before(&cell.farm, changes, now);
         for change in changes {
             journal::note(&cell.farm, change);
             self.counts.note(change);
@@ -314,6 +319,7 @@ impl Service {
             }
             cell.farm.evolve(change, now);
         }
+        self.histories.after(&cell.farm, changes, now);
         self.notify(changes);
         self.collect(garbage);
     }
@@ -328,7 +334,9 @@ impl Service {
                 let moved = sequence != cell.sequence;
                 let now = self.clock.now();
                 cell.doubt = Doubt::Torn;
+                self.histories.before(&cell.farm, &changes, now);
                 changes.iter().for_each(|change| cell.farm.evolve(change, now));
+                self.histories.after(&cell.farm, &changes, now);
                 cell.sequence = sequence;
                 cell.doubt = Doubt::None;
                 if moved {
@@ -377,6 +385,7 @@ impl Service {
                     | Change::LeaseEnded { .. }
                     | Change::NodeJudged { .. }
                     | Change::NodeLost { .. }
+                    | Change::FailuresForgotten { .. }
             )
         };
         if changes.iter().any(makes_work) {

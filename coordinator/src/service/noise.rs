@@ -23,6 +23,7 @@ impl Service {
             let noise = tokio::task::spawn_blocking(measure)
                 .await
                 .map_err(|_| ServiceError::Stopping)??;
+            self.histories.measured(job, self.clock.now(), key.end(), noise);
             tracing::info!(%job, iterations = key.end(), noise, "noise measured");
             self.transact(move |farm, _| Ok(farm.checkpoint(job, key, noise)))
                 .await?;

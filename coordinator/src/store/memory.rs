@@ -117,6 +117,7 @@ impl Rows {
             }
             Change::NodeLost { job, node, .. } => self.job(*job).nodes.retain(|(key, _)| !node.contains(*key)),
             Change::LeafFailed { job, leaf, attempt } => self.job(*job).failures.push((*leaf, attempt.clone())),
+            Change::FailuresForgotten { job } => self.job(*job).failures.clear(),
             Change::JobEnded {
                 job,
                 state,

@@ -82,6 +82,10 @@ fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
             let sql = "INSERT INTO failure (job, leaf, attempt) VALUES (?1, ?2, ?3)";
             vec![Statement::new(sql, [integer(job.0)?, small(*leaf), json(attempt)?])]
         }
+        Change::FailuresForgotten { job } => {
+            let sql = "DELETE FROM failure WHERE job = ?1";
+            vec![Statement::new(sql, [integer(job.0)?])]
+        }
         Change::JobEnded {
             job,
             state,

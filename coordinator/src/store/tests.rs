@@ -123,6 +123,7 @@ pub(super) fn history() -> Vec<Vec<Change>> {
                 verified: 2,
                 faults: 1,
                 quarantine: Some("why".into()),
+                drained: true,
             },
         }],
         vec![Change::WorkerForgotten(WorkerId(2))],
@@ -197,6 +198,14 @@ pub(super) fn history() -> Vec<Vec<Change>> {
             loss: Loss::Untrusted,
         }],
         vec![reopened()],
+        vec![
+            Change::LeafFailed {
+                job: JobId(3),
+                leaf: 1,
+                attempt: attempt("forgotten"),
+            },
+            Change::FailuresForgotten { job: JobId(3) },
+        ],
         short_life(),
         vec![Change::JobDeleted {
             job: JobId(4),

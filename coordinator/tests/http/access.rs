@@ -80,13 +80,15 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 40] = [
+const ROUTES: [(&str, &str, &[Role]); 45] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
     ("GET", "/v1/jobs/{id}/image.exr", LOOKS),
     ("GET", "/v1/jobs/{id}/image.png", LOOKS),
+    ("GET", "/v1/jobs/{id}/image.raw", LOOKS),
     ("GET", "/v1/jobs/{id}/events", LOOKS),
+    ("GET", "/v1/jobs/{id}/history", LOOKS),
     ("GET", "/v1/events", LOOKS),
     ("GET", "/v1/session", LOOKS),
     ("POST", "/v1/session", LOOKS),
@@ -104,6 +106,7 @@ const ROUTES: [(&str, &str, &[Role]); 40] = [
     ("POST", "/v1/jobs/{id}/pause", SENDS),
     ("POST", "/v1/jobs/{id}/resume", SENDS),
     ("POST", "/v1/jobs/{id}/extend", SENDS),
+    ("POST", "/v1/jobs/{id}/retry", SENDS),
     ("PUT", "/v1/jobs/{id}/priority", SENDS),
     ("POST", "/v1/worker/register", WORKS),
     ("POST", "/v1/worker/lease", WORKS),
@@ -121,6 +124,8 @@ const ROUTES: [(&str, &str, &[Role]); 40] = [
     ("DELETE", "/v1/tokens/{name}", RULES),
     ("POST", "/v1/workers/{id}/quarantine", RULES),
     ("POST", "/v1/workers/{id}/release", RULES),
+    ("POST", "/v1/workers/{id}/drain", RULES),
+    ("POST", "/v1/workers/{id}/resume", RULES),
 ];
 
 #[test]

@@ -55,7 +55,9 @@ async fn jobs_are_paused_extended_and_put_in_order_as_often_as_asked() {
     )
     .await;
     expect_problem(put_priority(&farm, 101).await, ErrorCode::Invalid).await;
-    for path in ["jobs/7/pause", "jobs/7/resume"] {
+    // Nothing was given up.
+    status(post("jobs/1/retry", json!({})).await).await;
+    for path in ["jobs/7/pause", "jobs/7/resume", "jobs/7/retry"] {
         expect_problem(post(path, json!({})).await, ErrorCode::NotFound).await;
     }
     expect_problem(
@@ -68,6 +70,7 @@ async fn jobs_are_paused_extended_and_put_in_order_as_often_as_asked() {
         JobState::Cancelled
     );
     expect_problem(post("jobs/1/pause", json!({})).await, ErrorCode::JobEnded).await;
+    expect_problem(post("jobs/1/retry", json!({})).await, ErrorCode::JobEnded).await;
     expect_problem(
         post("jobs/1/extend", json!({"iterations": 20})).await,
         ErrorCode::JobEnded,
@@ -109,8 +112,16 @@ async fn workers_go_into_quarantine_and_out_of_it() {
         let status: WorkerStatus = reply.json().await.unwrap();
         assert_eq!(status.quarantine, None);
     }
-    let unknown = farm.post_json("workers/99/release", &json!({})).await;
-    expect_problem(unknown, ErrorCode::UnknownWorker).await;
+    for (action, drained) in [("drain", true), ("resume", false)] {
+        for _ in 0..2 {
+            let status: WorkerStatus = farm.post_json(&path(action), &json!({})).await.json().await.unwrap();
+            assert_eq!(status.drained, drained);
+        }
+    }
+    for action in ["release", "drain", "resume"] {
+        let unknown = farm.post_json(&format!("workers/99/{action}"), &json!({})).await;
+        expect_problem(unknown, ErrorCode::UnknownWorker).await;
+    }
 }
 
 #[tokio::test]

@@ -6,6 +6,7 @@ use photonfarm_core::settings::{IntegratorSettings, PathSettings, PppmSettings};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::codec::{decode, encode};
+use photonfarm_proto::history::{JobHistory, LeaseOutcome};
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
@@ -54,7 +55,11 @@ async fn images_come_at_any_time_and_are_named_by_their_tag() {
     let assignment = farm.lease(worker).await;
     let sent = farm.send("nodes", body(&upload(&assignment, &leaf(0, 0.5)))).await;
     assert_eq!(sent.status(), StatusCode::OK);
-    for (name, magic) in [("image.exr", b"\x76\x2f\x31\x01"), ("image.png", b"\x89PNG")] {
+    for (name, magic) in [
+        ("image.exr", b"\x76\x2f\x31\x01"),
+        ("image.png", b"\x89PNG"),
+        ("image.raw", b"phot"),
+    ] {
         let path = format!("jobs/{job}/{name}");
         let reply = farm.get(&path).await;
         let tag = reply.headers()["etag"].clone();
@@ -74,9 +79,20 @@ async fn images_come_at_any_time_and_are_named_by_their_tag() {
             .unwrap();
         assert_eq!(other.status(), StatusCode::OK);
     }
+    let history: JobHistory = farm.get(&format!("jobs/{job}/history")).await.json().await.unwrap();
+    let counted: Vec<u64> = history.progress.iter().map(|sample| sample.iterations).collect();
+    assert_eq!(
+        (counted, history.noise.len()),
+        (vec![0, 1], 0),
+        "one iteration has no noise"
+    );
+    let lease = &history.leases[0];
+    assert_eq!((lease.worker, lease.name.as_str(), lease.first), (worker, "test", 1));
+    assert_eq!(lease.outcome, LeaseOutcome::Delivered);
+    expect_problem(farm.get("jobs/9/history").await, ErrorCode::NotFound).await;
     let cancel = farm.request(Method::POST, &format!("jobs/{job}/cancel")).send();
     assert_eq!(cancel.await.unwrap().status(), StatusCode::OK);
-    for name in ["image.exr", "image.png"] {
+    for name in ["image.exr", "image.png", "image.raw"] {
         let mut answers = Vec::new();
         for _ in 0..2 {
             let reply = farm.get(&format!("jobs/{job}/{name}")).await;

@@ -1,7 +1,7 @@
 //! What people ask of jobs: order, pause, extension, stops, tags; and what becomes of leases.
 
 use super::*;
-use crate::scheduler::record::JobControl;
+use crate::scheduler::record::{JobControl, JobRecord};
 use crate::store::memory::Rows;
 use photonfarm_proto::schedule::{Schedule, Stop, StopReason};
 use photonfarm_proto::waiting::Waiting;
@@ -519,4 +519,113 @@ fn a_job_that_waits_says_for_what() {
         Ok(Delivered::Counted)
     );
     assert_eq!(reason(&farm, 1001), Some(Waiting::Merging));
+}
+
+/// Fails every attempt at the first leaf of a job until it is given up.
+fn give_up(farm: &mut Farm, job: JobId, kept: &mut Rows) {
+    while farm.job(job).is_some_and(|job| job.given_up.is_empty()) {
+        let lease = grant(farm, 1, &[], 0).unwrap();
+        let attempt = Attempt {
+            worker: lease.worker,
+            kind: FailureKind::Render,
+            message: "no".into(),
+            at_ms: 0,
+        };
+        let failed = farm.fail(job, lease.token, lease.node.first() as u32, attempt, 0);
+        for change in failed.unwrap().changes {
+            if matches!(change, Change::LeafFailed { .. }) {
+                kept.apply(&change);
+            }
+            farm.evolve(&change, 0);
+        }
+    }
+}
+
+#[test]
+fn iterations_that_were_given_up_are_tried_again_when_asked() {
+    let mut farm = Farm::restore(farm_with(1, 0).config().clone(), Snapshot::default(), 0);
+    hire(&mut farm, "w", 0);
+    let mut rows = Rows::default();
+    let submitted = farm.submit(spec(1), String::new(), None, 0).changes;
+    let keep = |farm: &mut Farm, rows: &mut Rows, changes: Vec<Change>| {
+        for change in &changes {
+            rows.apply(change);
+            farm.evolve(change, 1);
+        }
+    };
+    keep(&mut farm, &mut rows, submitted);
+    let changes = farm.retry(JOB, None).unwrap().changes;
+    assert!(changes.is_empty(), "nothing was given up yet");
+
+    give_up(&mut farm, JOB, &mut rows);
+    assert_eq!(grant(&mut farm, 1, &[], 0), None);
+    for _ in 0..2 {
+        let changes = farm.retry(JOB, None).unwrap().changes;
+        keep(&mut farm, &mut rows, changes);
+    }
+    assert!(rows.jobs[&JOB].failures.is_empty());
+
+    give_up(&mut farm, JOB, &mut rows);
+    let ended = farm.settle(JOB, 2).changes;
+    keep(&mut farm, &mut rows, ended);
+    let record = rows.jobs[&JOB].clone();
+    assert_eq!((record.state, farm.job(JOB).is_none()), (JobState::Failed, true));
+    let changes = farm.retry(JOB, Some(&record)).unwrap().changes;
+    keep(&mut farm, &mut rows, changes);
+    let record = &rows.jobs[&JOB];
+    assert_eq!(
+        (record.state, &record.failure, record.failures.len()),
+        (JobState::Running, &None, 0)
+    );
+    let lease = grant(&mut farm, 1, &[], 3).unwrap();
+    assert_eq!(
+        deliver(&mut farm, &delivery(&lease, lease.node), 3),
+        Ok(Delivered::Counted)
+    );
+    let ended = farm.settle(JOB, 4).changes;
+    assert!(matches!(
+        ended[..],
+        [Change::JobEnded {
+            state: JobState::Done,
+            ..
+        }]
+    ));
+
+    let refused = |state| {
+        let record = JobRecord {
+            state,
+            ended_ms: Some(2),
+            ..record.clone()
+        };
+        let other = Farm::restore(farm.config().clone(), Snapshot::default(), 0);
+        other.retry(JOB, Some(&record)).map(|decision| decision.changes.len())
+    };
+    assert_eq!(refused(JobState::Cancelled), Err(Refusal::JobEnded(JOB)));
+    assert_eq!(refused(JobState::Done), Ok(0));
+}
+
+#[test]
+fn a_drained_worker_finishes_what_it_holds_and_gets_no_more() {
+    let mut farm = farm_with(8, 1);
+    let worker = WorkerId(1);
+    let lease = grant(&mut farm, 1, &[], 0).unwrap();
+    for _ in 0..2 {
+        commit(&mut farm, 0, |farm| farm.drain(worker, true).unwrap());
+    }
+    assert_eq!(grant(&mut farm, 1, &[lease.token], 0), None);
+    assert_eq!(
+        deliver(&mut farm, &delivery(&lease, lease.node), 1),
+        Ok(Delivered::Counted)
+    );
+    assert_eq!(grant(&mut farm, 1, &[], 1), None);
+    assert!(farm.worker_statuses(1)[0].drained);
+    let waiting = farm.status(farm.job(JOB).unwrap(), 1).waiting;
+    assert!(waiting.unwrap().ends_with("or drained"));
+    // Quarantine and release leave it as it is.
+    commit(&mut farm, 1, |farm| farm.quarantine(worker, "smoke").unwrap());
+    commit(&mut farm, 1, |farm| farm.release_worker(worker).unwrap());
+    assert_eq!(grant(&mut farm, 1, &[], 1), None);
+    commit(&mut farm, 1, |farm| farm.drain(worker, false).unwrap());
+    assert!(grant(&mut farm, 1, &[], 1).is_some());
+    assert_eq!(farm.drain(WorkerId(9), true), Err(Refusal::UnknownWorker(WorkerId(9))));
 }

@@ -1,0 +1,116 @@
+// A job begins with files that are dropped onto the page, or chosen.
+
+import { dropped, picked, readAll } from "./archive.js";
+import { blake3 } from "./blake3.js";
+import { acting, ask, Refused } from "./farm.js";
+import { element } from "./words.js";
+
+const SCENES = /\.(xml|pbrt|gltf|glb)$/i;
+const INTEGRATORS = ["pppm", "pcf", "vcm", "bdpt", "path", "light", "sppm"];
+
+/** Sends the files that the farm lacks, and returns the name of the bundle. */
+async function send(files, told) {
+  const manifest = {};
+  const byHash = new Map();
+  for (const [name, bytes] of files) {
+    told(`reading ${name}`);
+    const hash = await blake3(bytes);
+    manifest[name] = { hash, bytes: bytes.length };
+    byHash.set(hash, [name, bytes]);
+  }
+  const { bundle, missing } = await ask("POST", "bundles", { files: manifest });
+  for (const [index, hash] of missing.entries()) {
+    const [name, bytes] = byHash.get(hash);
+    told(`sending ${name} (${index + 1} of ${missing.length})`);
+    const answer = await fetch(`v1/blobs/${hash}`, { method: "PUT", body: bytes, headers: { "content-type": "application/octet-stream" } });
+    if (!answer.ok) {
+      const problem = await answer.json().catch(() => ({}));
+      throw new Refused(answer.status, `${name}: ${problem.detail ?? answer.status}`);
+    }
+  }
+  return bundle;
+}
+
+function nameOf(main, given) {
+  const stem = main.replace(/.*\//, "").replace(SCENES, "");
+  return (["scene", "main", "index"].includes(stem) && given ? given.replace(/\.(zip|tar|tar\.gz|tgz)$/i, "").replace(/\/.*/, "") : stem).slice(0, 100);
+}
+
+/** Values of a scene's parameters: pairs with spaces between them. */
+function definesOf(text) {
+  const pairs = text.split(/\s+/).filter(Boolean);
+  const wrong = pairs.find((pair) => !/^[^=]+=/.test(pair));
+  if (wrong) throw new Error(`${wrong} gives no parameter a value: write NAME=VALUE`);
+  return Object.fromEntries(pairs.map((pair) => [pair.slice(0, pair.indexOf("=")), pair.slice(pair.indexOf("=") + 1)]));
+}
+
+/** The form that asks what is to be rendered. */
+function form(act, close) {
+  const option = (value) => element("option", { value }, value);
+  const main = element("select", { name: "main", required: true });
+  const name = element("input", { name: "name", maxlength: 100 });
+  const integrator = element("select", { name: "integrator" }, INTEGRATORS.map(option));
+  const iterations = element("input", { name: "iterations", type: "number", min: 1, step: 1, value: 64, required: true });
+  const defines = element("input", { name: "defines", placeholder: "width=640 spp=16" });
+  const told = element("p", { role: "status", class: "quiet" });
+  const start = element("button", {}, "Start the job");
+  let files = new Map();
+  const node = element("form", {
+    hidden: true,
+    submit: (event) => {
+      event.preventDefault();
+      act(async () => {
+        start.disabled = true;
+        try {
+          const scene = await send(files, (text) => (told.textContent = text));
+          const spec = { scene, main: main.value, name: name.value, defines: definesOf(defines.value), integrator: { type: integrator.value }, iterations: Number(iterations.value) };
+          const job = await ask("POST", "jobs", spec);
+          close();
+          location.hash = `#/jobs/${job.id}`;
+        } finally {
+          start.disabled = false;
+          told.textContent = "";
+        }
+      });
+    },
+  }, element("div", { class: "actions" }, element("label", {}, "Scene", main), element("label", {}, "Name", name), element("label", {}, "Integrator", integrator),
+    element("label", {}, "Iterations", iterations), element("label", {}, "Parameters of the scene", defines), start, element("button", { type: "button", click: () => close() }, "Leave it")), told);
+  const show = (found, given) => {
+    files = found;
+    const scenes = [...files.keys()].filter((file) => SCENES.test(file)).sort((a, b) => a.split("/").length - b.split("/").length || a.length - b.length);
+    if (scenes.length === 0) throw new Error("there is no scene among these files (.xml, .pbrt, .gltf, .glb)");
+    main.replaceChildren(...scenes.map(option));
+    name.value = nameOf(scenes[0], given);
+    told.textContent = `${files.size} ${files.size === 1 ? "file" : "files"}, ${[...files.values()].reduce((sum, bytes) => sum + bytes.length, 0).toLocaleString()} bytes. A worker looks for mistakes in the scene once the job begins.`;
+    node.hidden = false;
+    main.focus();
+  };
+  return { node, show };
+}
+
+export function dropView(tell) {
+  const act = acting(tell);
+  const inputs = [{ multiple: true }, { webkitdirectory: true }].map((more) =>
+    element("input", { type: "file", hidden: true, ...more, change: (event) => take(picked(event.target)) }));
+  const [choose, folder] = [["Choose files", inputs[0]], ["Choose a folder", inputs[1]]].map(([text, input]) => element("button", { type: "button", click: () => input.click() }, text));
+  const hint = element("div", { class: "actions" }, element("p", {}, "Drop a scene here: a file, a folder, or an archive (zip, tar)."), choose, folder, inputs);
+  const asked = form(act, () => {
+    asked.node.hidden = true;
+    hint.hidden = false;
+    inputs.forEach((input) => (input.value = ""));
+  });
+  const node = element("section", { class: "drop", "aria-label": "New job" }, hint, asked.node);
+  const take = (found) => act(async () => {
+    const all = await found;
+    asked.show(await readAll(all), all[0]?.[0]);
+    hint.hidden = true;
+  });
+  const over = (event) => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    node.classList.toggle("over", event.type === "dragover");
+    if (event.type === "drop") take(dropped(event.dataTransfer));
+  };
+  ["dragover", "dragleave", "drop"].forEach((kind) => document.addEventListener(kind, over));
+  return { node, stop: () => ["dragover", "dragleave", "drop"].forEach((kind) => document.removeEventListener(kind, over)) };
+}
