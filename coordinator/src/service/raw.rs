@@ -66,6 +66,7 @@ mod tests {
                 width: 3,
                 height: 2,
                 iterations: 7,
+                odd_iterations: 2,
                 pixels: (0..6).map(value).collect(),
                 standard_error: if with_errors {
                     (0..6).map(|index| 0.3 * index as f32).collect()
