@@ -47,6 +47,7 @@ mod tests {
             main: String::new(),
             defines: Default::default(),
             sensor: None,
+            layers: vec![],
             integrator,
             warnings: vec![],
             seed: 0,
@@ -66,7 +67,7 @@ mod tests {
                 width: 3,
                 height: 2,
                 iterations: 7,
-                odd_iterations: 2,
+                odd_iterations: 4,
                 pixels: (0..6).map(value).collect(),
                 standard_error: if with_errors {
                     (0..6).map(|index| 0.3 * index as f32).collect()
@@ -75,7 +76,7 @@ mod tests {
                 },
             };
             let raw = encode_raw(&image, image.noise());
-            let exr = decode_exr(&encode_exr(&image, &metadata()).unwrap(), 100).unwrap();
+            let exr = decode_exr(&encode_exr(&image, vec![], &metadata()).unwrap(), 100).unwrap();
             assert_eq!((&raw[..8], raw.len()), (&MAGIC[..], 32 + 6 * 16));
             let number = |at: usize| u32::from_le_bytes(raw[at..at + 4].try_into().unwrap());
             assert_eq!([8, 12, 16, 20].map(number), [3, 2, 7, 0]);
