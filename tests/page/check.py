@@ -41,7 +41,7 @@ class Visit:
 
     def picture(self, name):
         if self.screenshots:
-            self.page.screenshot(path=Path(self.screenshots) / f"page-{name}.png")
+            self.page.screenshot(path=Path(self.screenshots) / f"page-{name}.jpg", type="jpeg", quality=85)
 
 
 @contextmanager

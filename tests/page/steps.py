@@ -90,7 +90,7 @@ def drop_folder(visit, scenes):
     page.locator("input[webkitdirectory]").set_input_files(scenes / "still-life")
     page.wait_for_selector("select[name=main]:visible")
     assert page.input_value("input[name=name]") == "still-life"
-    page.fill("input[name=defines]", "width=480 height=320" if visit.screenshots else "width=192 height=128")
+    page.fill("input[name=defines]", "width=336 height=224" if visit.screenshots else "width=192 height=128")
     page.fill("input[name=iterations]", "3000")
     button(page, "Start the job").click()
     page.wait_for_url("**/#/jobs/2")
@@ -132,7 +132,7 @@ def sharpen(visit, _):
     page.wait_for_selector("figcaption:has-text('Sigma'):visible")
     page.wait_for_selector("rect.lease.delivered")
     # Pictures of the page are to show more than noise.
-    wait_for("iterations", lambda: farm.job(JOB)["iterations_done"] >= (32 if visit.screenshots else 2), 900)
+    wait_for("iterations", lambda: farm.job(JOB)["iterations_done"] >= (40 if visit.screenshots else 2), 900)
 
 
 def read_probe(page):

@@ -40,6 +40,10 @@ export function compareView(farm, id, viewer, act) {
   const node = element("details", { class: "compare" }, element("summary", {}, "Compare"),
     element("div", { class: "actions" }, keep, element("label", {}, "On the right", select)), tools, told);
   let [live, right, options] = [null, null, ""];
+  viewer.viewChanged = () => {
+    mode.press("picture");
+    slider.hidden = false;
+  };
 
   const moments = () => kept.get(id) ?? [];
   async function keepMoment() {

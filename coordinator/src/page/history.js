@@ -4,22 +4,31 @@ import { ask } from "./farm.js";
 import { plot, widths } from "./plots.js";
 import { timeline } from "./timeline.js";
 import { choice } from "./viewer.js";
-import { element, span } from "./words.js";
+import { element } from "./words.js";
 
 /** Least time between two looks at the history [ms]. */
 const STEP = 2000;
 
-/** Iterations per minute between samples, each over ten seconds or so. */
+/** Iterations per minute between samples: forty steps, of a second at least. */
 function rates(progress) {
   const list = [];
   let from = progress[0];
+  const minutesTo = (sample) => (Date.parse(sample.at) - Date.parse(from.at)) / 60_000;
+  const step = progress.length > 1 ? Math.max(1 / 60, minutesTo(progress.at(-1)) / 40) : 0;
   for (const sample of progress.slice(1)) {
-    const minutes = (Date.parse(sample.at) - Date.parse(from.at)) / 60_000;
-    if (minutes < 1 / 60 || (minutes < 1 / 6 && sample !== progress.at(-1))) continue;
+    const minutes = minutesTo(sample);
+    if (minutes < step) continue;
     list.push({ ...sample, rate: Math.max(0, sample.iterations - from.iterations) / minutes });
     from = sample;
   }
   return list;
+}
+
+/** A span as clocks show it: 1:40 is a minute and forty seconds, 2 h 05 more than two hours. */
+function hours(seconds) {
+  const [h, m, s] = [Math.floor(seconds / 3600), Math.floor((seconds % 3600) / 60), Math.floor(seconds % 60)];
+  const two = (number) => String(number).padStart(2, "0");
+  return h > 0 ? `${h} h ${two(m)}` : `${m}:${two(s)}`;
 }
 
 /** When so many iterations were there, between samples; nothing outside of them. */
@@ -47,7 +56,7 @@ function plots() {
     last = [job, history];
     const begin = Date.parse(job.created);
     const byTime = against === "time";
-    const below = byTime ? { below: "against time", across: (value) => span(value) } : { below: "against iterations", across: (value) => String(Math.round(value)) };
+    const below = byTime ? { below: "against time", across: hours } : { below: "against iterations", across: (value) => String(Math.round(value)) };
     const place = (sample) => (byTime ? (Date.parse(sample.at) - begin) / 1000 : sample.iterations);
     // The ends are known however short the coordinator's memory is.
     const ends = [{ at: job.created, iterations: 0 }, { at: job.ended ?? new Date().toISOString(), iterations: job.iterations_done }];

@@ -8,8 +8,9 @@ const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [460, 190, 62, 26, 10, 12];
 function ticks(low, high, logarithmic) {
   if (logarithmic) {
     const found = [];
+    const factors = high / low > 30 ? [1] : high / low > 4 ? [1, 2, 5] : [1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9];
     for (let decade = Math.floor(Math.log10(low)); decade <= Math.ceil(Math.log10(high)); decade += 1) {
-      for (const factor of high / low > 30 ? [1] : [1, 2, 5]) found.push(factor * 10 ** decade);
+      for (const factor of factors) found.push(factor * 10 ** decade);
     }
     return found.filter((value) => value >= low * 0.999 && value <= high * 1.001);
   }

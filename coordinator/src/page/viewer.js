@@ -73,7 +73,10 @@ export class Viewer {
     const stops = element("input", { type: "range", min: -8, max: 8, step: 0.25, value: 0, input: () => this.set({ stops: Number(stops.value) }, (reading.textContent = `${stops.value} stops`)) });
     const automatic = element("input", { type: "checkbox", checked: true, change: () => this.set({ automatic: automatic.checked }) });
     const curve = element("select", { change: () => this.set({ curve: curve.value }) }, Object.entries(CURVES).map(([value, text]) => element("option", { value }, text)));
-    this.viewChoice = choice("View", VIEWS, "picture", (view) => this.set({ view }));
+    this.viewChoice = choice("View", VIEWS, "picture", (view) => {
+      this.viewChanged?.();
+      this.set({ view });
+    });
     const zoom = choice("Zoom", ZOOMS, 0, (factor) => {
       this.zoom = factor;
       this.size();

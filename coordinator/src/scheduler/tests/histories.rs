@@ -1,5 +1,6 @@
 //! Random histories: messages lost, repeated and reordered, workers lost, clumsy, lying and several on one machine, commits failed, restarts at
-//! any moment with the clock set forth or back, jobs paused, extended, cancelled, stopped.
+//! any moment with the clock set forth or back, jobs paused, extended, retried,
+//! cancelled, stopped.
 //!
 //! Whatever happens: every leaf counts once or is reported, tokens rise, what is remembered is what is kept, what two
 //! principals agree about is right, nobody honest is refuted, and once the faults stop every job ends. Seeds are fixed;
@@ -76,6 +77,8 @@ fn histories_contain_what_they_are_about() {
         called_broken,
         repeated,
         overtaken,
+        retried,
+        drained,
     } = seen;
     let counts = [
         verdicts,
@@ -89,6 +92,8 @@ fn histories_contain_what_they_are_about() {
         called_broken,
         repeated,
         overtaken,
+        retried,
+        drained,
     ];
     assert!(counts.iter().all(|count| *count > 0), "{counts:?}");
 }

@@ -68,6 +68,10 @@ pub(super) struct Seen {
     pub(super) repeated: u64,
     /// Requests for work that a later one had overtaken.
     pub(super) overtaken: u64,
+    /// Jobs of which what failed was forgotten, so that it is tried again.
+    pub(super) retried: u64,
+    /// Workers that were drained.
+    pub(super) drained: u64,
 }
 
 impl Seen {
@@ -83,6 +87,8 @@ impl Seen {
         self.called_broken += other.called_broken;
         self.repeated += other.repeated;
         self.overtaken += other.overtaken;
+        self.retried += other.retried;
+        self.drained += other.drained;
     }
 }
 
@@ -375,7 +381,7 @@ impl World {
             .get(&job)
             .filter(|record| record.ended_ms.is_some())
             .cloned();
-        let decision = match self.random.below(10) {
+        let decision = match self.random.below(12) {
             0 => return self.submit(),
             1 => self.farm.pause(job, true),
             2 | 3 => self.farm.pause(job, false),
@@ -386,6 +392,8 @@ impl World {
             }
             7 if self.random.chance(30) => self.farm.cancel(job, self.now),
             8 if self.mode == Mode::Free => return self.quarantine_somebody(),
+            9 => self.farm.retry(job, ended.as_ref()),
+            10 if self.mode != Mode::Guarded => return self.drain_somebody(),
             _ => self.farm.pause(job, false),
         };
         match decision {
@@ -407,6 +415,15 @@ impl World {
             self.by_hand.insert(worker);
         }
         if let Ok(decision) = decision {
+            self.transact(decision);
+        }
+    }
+
+    fn drain_somebody(&mut self) {
+        let Some(worker) = self.some_hand() else { return };
+        let drained = self.random.chance(50);
+        if let Ok(decision) = self.farm.drain(worker, drained) {
+            self.seen.drained += u64::from(drained);
             self.transact(decision);
         }
     }

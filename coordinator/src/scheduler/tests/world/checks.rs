@@ -39,6 +39,7 @@ impl World {
             Change::WorkerJudged { worker, standing } => self.check_standing(*worker, standing),
             Change::JobChanged { control, .. } => self.seen.stops += u64::from(control.stop.is_some()),
             Change::JobReopened { .. } => self.seen.reopened += 1,
+            Change::FailuresForgotten { .. } => self.seen.retried += 1,
             Change::LeafFailed { attempt, .. } => self.seen.repeated += u64::from(attempt.repeated),
             _ => {}
         }
@@ -126,7 +127,7 @@ impl World {
         for (skill, crew) in self.farm.workers.crews() {
             let alike = self.farm.workers.values();
             let alike = alike.filter(|worker| **worker.skill() == *skill && !self.farm.is_silent(worker, self.now));
-            let (held, free): (Vec<_>, Vec<_>) = alike.partition(|worker| worker.is_held());
+            let (held, free): (Vec<_>, Vec<_>) = alike.partition(|worker| !worker.may_work());
             assert_eq!((crew.held, crew.workers()), (held.len() as u64, free.len() as u64));
         }
     }
