@@ -4,6 +4,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import threading
 import time
 import traceback
 
@@ -281,8 +282,56 @@ def test_motion():
     print("motion: as it should be", flush=True)
 
 
+class Timers:
+    """What Blender runs in its main thread, when the test says so."""
+
+    def __init__(self):
+        self.due = []
+
+    def register(self, work):
+        self.due.append(work)
+
+    def is_registered(self, work):
+        return work in self.due
+
+    def unregister(self, work):
+        self.due.remove(work)
+
+
+def test_threads():
+    """F12 of a window renders in a thread of its own: what it has exported is exported by the main thread."""
+    in_main_thread = sys.modules[f"{MODULE}.engine"].in_main_thread
+    results = []
+
+    def render_thread(work, broken, timers):
+        try:
+            results.append(in_main_thread(work, broken, timers))
+        except ValueError as error:
+            results.append(str(error))
+
+    def fail():
+        raise ValueError("it cannot be exported")
+
+    def is_main():
+        return threading.current_thread() is threading.main_thread()
+
+    for work, broken, pumped in ((is_main, False, True), (fail, False, True), (is_main, True, False)):
+        timers = Timers()
+        thread = threading.Thread(target=render_thread, args=(work, lambda: broken, timers))
+        thread.start()
+        if pumped:
+            while not timers.due:
+                time.sleep(0.01)
+            timers.due.pop()()
+        thread.join(timeout=10)
+        assert not thread.is_alive() and not timers.due
+    assert results == [True, "it cannot be exported", None], results
+    print("threads: as it should be", flush=True)
+
+
 def main():
     preferences = install()
+    test_threads()
     scene = glass_ball()
     reference = test_render(scene)
     test_job(scene, reference)

@@ -12,7 +12,7 @@ from .farm import FarmError
 STEP = 0.1
 
 
-def in_main_thread(work, broken):
+def in_main_thread(work, broken, timers=bpy.app.timers):
     """Blender's data change in its main thread alone, and F12 renders in another: lets the main thread do the work, and waits."""
     if threading.current_thread() is threading.main_thread():
         return work()
@@ -25,12 +25,12 @@ def in_main_thread(work, broken):
             result["error"] = error
         done.set()
 
-    bpy.app.timers.register(run)
+    timers.register(run)
     while not done.wait(STEP):
         if broken():
             # The work may have begun: it is waited for as well.
-            if bpy.app.timers.is_registered(run):
-                bpy.app.timers.unregister(run)
+            if timers.is_registered(run):
+                timers.unregister(run)
                 return None
     if "error" in result:
         raise result["error"]

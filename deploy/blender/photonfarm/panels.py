@@ -4,8 +4,8 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 INTEGRATORS = [
-    ("pcf", "Photon Cone Focusing", "Caustics, also those seen through glass; sharp after few iterations"),
-    ("pppm", "Photon Mapping", "Probabilistic progressive photon mapping: caustics, robust"),
+    ("pppm", "Photon Mapping", "Probabilistic progressive photon mapping: caustics, also those seen in mirrors and through glass"),
+    ("pcf", "Photon Cone Focusing", "Photons that count over a range of directions as well"),
     ("vcm", "Vertex Connection and Merging", "Photons and connected paths together: for everything, slower"),
     ("bdpt", "Bidirectional Path Tracing", "Connected paths without photons"),
     ("path", "Path Tracing", "Like Cycles; no caustics of small lamps"),
