@@ -222,6 +222,56 @@ def test_cancel(scene):
     scene.photonfarm.iterations = 4
 
 
+def test_sharpening(scene):
+    """The picture is shown more than once while it is rendered."""
+    engine, shown = sys.modules[f"{MODULE}.engine"], []
+    show = engine.show
+    engine.show = lambda *arguments: (shown.append(1), show(*arguments))
+    for where in ("LOCAL", "FARM"):
+        scene.photonfarm.where, scene.photonfarm.iterations, scene.photonfarm.photons = where, 16, 200_000
+        shown.clear()
+        render()
+        assert len(shown) >= 2, (where, len(shown))
+        print(f"sharpening, {where}: shown {len(shown)} times", flush=True)
+    engine.show, scene.photonfarm.iterations, scene.photonfarm.photons = show, 4, 20_000
+
+
+def test_stop(scene):
+    """What Esc does to the program on this computer: it ends, and nothing is left."""
+    scene.photonfarm.where, scene.photonfarm.iterations = "LOCAL", 100_000
+    engine, export = sys.modules[f"{MODULE}.engine"], sys.modules[f"{MODULE}.export"].export
+    work = engine.begin(export(scene), scene.photonfarm, "stopped")
+    while work.poll() is None:
+        time.sleep(0.1)
+    work.cancel()
+    work.close()
+    assert work.process.returncode is not None and not work.folder.exists()
+    scene.photonfarm.iterations = 4
+    print("stop: as it should be", flush=True)
+
+
+def test_animation():
+    """Render Animation: each frame is the scene at that frame."""
+    scene = clear()
+    bpy.ops.mesh.primitive_cube_add(size=1, location=(-1, 0, 1))
+    cube = bpy.context.object
+    cube.keyframe_insert("location", frame=1)
+    cube.location.x = 1
+    cube.keyframe_insert("location", frame=2)
+    world((0.5, 0.5, 0.5))
+    scene.photonfarm.where, scene.photonfarm.integrator, scene.photonfarm.iterations = "LOCAL", "path", 2
+    scene.frame_start, scene.frame_end = 1, 2
+    scene.render.filepath = str(FOLDER / "frame")
+    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    assert bpy.ops.render.render(animation=True) == {"FINISHED"}
+    references = []
+    for frame in (1, 2):
+        scene.frame_set(frame)
+        references.append(by_command(scene, f"animated-{frame}")[0])
+        expect_same(exr().read((FOLDER / f"frame{frame:04}.exr").read_bytes()), references[-1], f"frame {frame}")
+    assert (references[0]["G"] != references[1]["G"]).any()
+
+
 def test_world():
     """In an even world of radiance L a matt ball of reflectance a has radiance a L, and all else L."""
     scene = clear()
@@ -337,6 +387,9 @@ def main():
     test_job(scene, reference)
     test_errors(scene, preferences)
     test_cancel(scene)
+    test_sharpening(scene)
+    test_stop(scene)
+    test_animation()
     test_world()
     test_motion()
     test_area_light()

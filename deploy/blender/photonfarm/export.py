@@ -33,6 +33,8 @@ def export(scene, view_layer=None):
     """The scene as a GLB. To be called in Blender's main thread."""
     if scene.camera is None:
         raise CannotExport("The scene has no camera: add one, or choose one in the scene's properties")
+    # An animation that is rendered moves the renderer's copy of the scene alone.
+    scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     notes, defines = [], {"width": str(_size(scene)[0])}
     options = {
         "export_format": "GLB",
