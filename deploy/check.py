@@ -4,9 +4,12 @@ import argparse
 import json
 import re
 import subprocess
+import tempfile
+import urllib.request
 from pathlib import Path
 
 import jsonschema
+import promql_parser
 import yaml
 
 HERE = Path(__file__).parent
@@ -113,6 +116,45 @@ def check_compose(programs):
         assert service["build"]["target"] in (HERE / "Containerfile").read_text(), name
 
 
+def figures(programs):
+    """Every metric that a coordinator shows, with the names of its labels."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [programs / "photonfarm", "serve", "--listen", "127.0.0.1:0", "--data", folder]
+        coordinator = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        try:
+            address = coordinator.stdout.readline().split()[-1]
+            with urllib.request.urlopen(f"{address}/metrics", timeout=30) as reply:
+                text = reply.read().decode()
+        finally:
+            coordinator.terminate()
+            coordinator.wait(timeout=60)
+    known = {}
+    for name, labels in re.findall(r"^(\w+)(?:\{(.*)\})? \S+$", text, re.MULTILINE):
+        known.setdefault(name, set()).update(re.findall(r'(\w+)="', labels))
+    return known
+
+
+def check_board(programs):
+    """The board's queries can be parsed, and ask for metrics and labels that there are; every metric is on the board."""
+    board = json.loads((HERE / "grafana/photonfarm.json").read_text())
+    known, shown = figures(programs), set()
+    panels = board["panels"]
+    assert len({panel["id"] for panel in panels}) == len(panels), "two panels have one number"
+    for panel in panels:
+        for target in panel["targets"]:
+            query = target["expr"].replace("$__rate_interval", "5m")
+            promql_parser.parse(query)
+            names = set(re.findall(r"photonfarm_\w+", query))
+            assert names and names <= known.keys(), f"{panel['title']}: there is no metric {names - known.keys()}"
+            labels = {label for group in re.findall(r"by \(([^)]*)\)", query) for label in re.split(r",\s*", group)}
+            labels |= set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"]))
+            for name in names:
+                assert labels <= known[name], f"{panel['title']}: {name} has no label {labels - known[name]}"
+            shown |= names
+    assert shown == known.keys(), f"not on the board: {known.keys() - shown}"
+    return len(panels)
+
+
 def main():
     """Runs all checks."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -125,7 +167,8 @@ def main():
     check_scaling(objects)
     check_secrets(objects)
     check_compose(programs)
-    print(f"{len(objects)} objects and the Compose file fit together")
+    panels = check_board(programs)
+    print(f"{len(objects)} objects and the Compose file fit together; so do {panels} panels and the metrics")
 
 
 if __name__ == "__main__":
