@@ -367,6 +367,8 @@ mod tests {
             seed: u64::MAX,
             schedule: Default::default(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         LeaseReply {
             assignment: Some(Assignment { lease, spec }),

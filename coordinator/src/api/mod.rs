@@ -156,6 +156,7 @@ fn read_routes() -> Routes {
         .get("/v1/jobs/{id}/image.exr", jobs::image_exr)
         .get("/v1/jobs/{id}/image.png", jobs::image_png)
         .get("/v1/jobs/{id}/events", events::events)
+        .get("/v1/jobs/{id}/log", jobs::log)
         .get("/v1/events", farm::events)
         .get("/v1/session", session::show)
         .post("/v1/session", session::create)

@@ -13,6 +13,7 @@ mod image;
 mod jobs;
 mod journal;
 mod kept;
+mod log;
 mod merge;
 mod nodes;
 mod noise;
@@ -92,6 +93,7 @@ pub struct Service {
     obstacles: obstacles::Obstacles,
     missing_files: scenes::MissingFiles,
     pub(crate) counts: counts::Counts,
+    log: log::Log,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
@@ -129,6 +131,7 @@ impl Service {
         };
         let (sequence, snapshot) = stores.state.load().await?;
         let farm = Farm::restore(scheduler, snapshot, clock.now());
+        let log = log::Log::new(clock.now());
         let service = Arc::new(Self {
             limits,
             stores,
@@ -151,6 +154,7 @@ impl Service {
             obstacles: obstacles::Obstacles::default(),
             missing_files: scenes::MissingFiles::default(),
             counts: counts::Counts::default(),
+            log,
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
             naming: RwLock::default(),
@@ -263,6 +267,7 @@ impl Service {
                 if changes.is_empty() {
                     return Ok(reply);
                 }
+                let changes = cell.farm.with_successors(changes, now);
                 if now > last {
                     return Err(garbage::too_late());
                 }
@@ -306,6 +311,7 @@ impl Service {
         for change in changes {
             journal::note(&cell.farm, change);
             self.counts.note(change);
+            self.log.note(&cell.farm, change, now);
             if let Change::JobEnded { job, .. } = change
                 && let Some(job) = cell.farm.job(*job)
             {
@@ -327,7 +333,10 @@ impl Service {
                 let moved = sequence != cell.sequence;
                 let now = self.clock.now();
                 cell.doubt = Doubt::Torn;
-                changes.iter().for_each(|change| cell.farm.evolve(change, now));
+                for change in &changes {
+                    self.log.note(&cell.farm, change, now);
+                    cell.farm.evolve(change, now);
+                }
                 cell.sequence = sequence;
                 cell.doubt = Doubt::None;
                 if moved {

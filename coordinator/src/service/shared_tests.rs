@@ -47,6 +47,8 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         seed: 0,
         schedule: Default::default(),
         name: String::new(),
+        labels: Default::default(),
+        after: None,
     };
     service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id
 }

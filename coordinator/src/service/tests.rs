@@ -105,6 +105,8 @@ impl World {
             seed: 0,
             schedule: Default::default(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let job = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;
         let register = Register {

@@ -27,6 +27,8 @@ fn spec() -> JobSpec {
         seed: u64::MAX,
         schedule: Default::default(),
         name: String::new(),
+        labels: Default::default(),
+        after: None,
     }
 }
 

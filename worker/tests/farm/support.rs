@@ -381,6 +381,8 @@ impl Farm {
             seed: SEED,
             schedule: Default::default(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();
         assert_eq!(reply.status(), 201);

@@ -1,5 +1,6 @@
 //! Tests of the scheduler: random histories, and its rules one by one.
 
+mod after;
 mod chains;
 mod costs;
 mod histories;
@@ -26,6 +27,8 @@ fn spec(iterations: u32) -> JobSpec {
         seed: 0,
         schedule: Default::default(),
         name: String::new(),
+        labels: Default::default(),
+        after: None,
     }
 }
 

@@ -180,6 +180,8 @@ impl World {
             seed: 0,
             schedule,
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let owner = if self.random.chance(50) { "ann" } else { "bob" };
         let decision = self.farm.submit(spec, owner.to_owned(), None, self.now);
