@@ -122,6 +122,25 @@ pub struct FarmNews {
     pub obstacles: Vec<Obstacle>,
 }
 
+/// What happened to a job, oldest first.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobLog {
+    /// What happened. Submission, attempts that failed and the end are kept for as long as the job is; the rest is what this
+    /// coordinator remembers since its start, the latest of it.
+    pub entries: Vec<JobLogEntry>,
+}
+
+/// Something that happened to a job.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct JobLogEntry {
+    /// When.
+    #[serde(rename = "at", with = "crate::time")]
+    #[schema(value_type = String, format = DateTime)]
+    pub at_ms: u64,
+    /// What, for people.
+    pub text: String,
+}
+
 /// Who the farm takes somebody for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Session {

@@ -51,10 +51,20 @@ pub struct JobSpec {
     #[serde(default, skip_serializing_if = "String::is_empty")]
     #[schema(max_length = 200)]
     pub name: String,
+    /// Labels for people and scripts, which change nothing in the picture.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub labels: BTreeMap<String, String>,
+    /// The job that is to be done before this one begins. Where that fails or is cancelled, this one is cancelled.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after: Option<JobId>,
 }
 
 /// The longest name of a job [bytes].
 pub const NAME_BYTES: usize = 200;
+/// Most labels of a job.
+pub const LABELS: usize = 32;
+/// The longest label, its name and its value each [bytes].
+pub const LABEL_BYTES: usize = 200;
 
 impl JobSpec {
     /// Checks the job against a farm's limits and the bundle that it names.
@@ -83,6 +93,7 @@ impl JobSpec {
             let reason = format!("a name is text of at most {NAME_BYTES} bytes without control characters");
             return Err(LimitError::invalid("name", reason));
         }
+        check_labels(&self.labels)?;
         self.schedule.check()
     }
 
@@ -92,6 +103,26 @@ impl JobSpec {
     /// Names that no layers have.
     pub fn layers(&self) -> Result<Layers, LayerError> {
         Layers::parse(&self.layers)
+    }
+}
+
+/// Checks labels: few, of short texts without control characters, with names that a filter can tell from values.
+fn check_labels(labels: &BTreeMap<String, String>) -> Result<(), LimitError> {
+    if labels.len() > LABELS {
+        let reason = format!("{} labels, more than {LABELS}", labels.len());
+        return Err(LimitError::invalid("labels", reason));
+    }
+    let plain = |text: &str| text.len() <= LABEL_BYTES && !text.chars().any(char::is_control);
+    let good = |name: &str, value: &str| !name.is_empty() && !name.contains('=') && plain(name) && plain(value);
+    match labels.iter().find(|(name, value)| !good(name, value)) {
+        Some((name, value)) => {
+            let reason = format!(
+                "{name:?}: {value:?}: a label is a name without `=` and a value, each of at most {LABEL_BYTES} bytes without \
+                 control characters"
+            );
+            Err(LimitError::invalid("labels", reason))
+        }
+        None => Ok(()),
     }
 }
 
@@ -405,6 +436,8 @@ mod tests {
             schedule: Default::default(),
             layers: Vec::new(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         assert!(spec.check(&limits, &bundle).is_ok());
         let refused = |change: &dyn Fn(&mut JobSpec)| {
@@ -418,6 +451,18 @@ mod tests {
         assert!(refused(&|s| _ = s.defines.insert("abc".into(), "de".into())).contains("define_bytes"));
         assert!(refused(&|s| s.name = "a\nb".into()).contains("control"));
         assert!(refused(&|s| s.name = "a".repeat(NAME_BYTES + 1)).contains("200 bytes"));
+        let labelled = |name: &str, value: &str| BTreeMap::from([(name.to_owned(), value.to_owned())]);
+        assert!(refused(&|s| s.labels = labelled("", "x")).contains("labels"));
+        assert!(refused(&|s| s.labels = labelled("a=b", "x")).contains("without `=`"));
+        assert!(refused(&|s| s.labels = labelled("a", "x\ny")).contains("control"));
+        assert!(refused(&|s| s.labels = labelled("a", &"x".repeat(LABEL_BYTES + 1))).contains("200 bytes"));
+        let many = (0..=LABELS).map(|i| (i.to_string(), String::new()));
+        assert!(refused(&|s| s.labels = many.clone().collect()).contains("33 labels"));
+        let fine = JobSpec {
+            labels: labelled("shot", "a = b"),
+            ..spec.clone()
+        };
+        assert!(fine.check(&limits, &bundle).is_ok());
         assert!(refused(&|s| s.sensor = Some("abcde".into())).contains("define_bytes"));
     }
 

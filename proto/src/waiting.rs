@@ -10,6 +10,8 @@ use utoipa::ToSchema;
 pub enum Waiting {
     /// The job is paused.
     Paused,
+    /// Another job is to be done first.
+    After,
     /// A disk that the coordinator needs is full.
     DiskFull,
     /// A store that the coordinator needs fails or does not answer.
@@ -38,8 +40,9 @@ pub enum Waiting {
 
 impl Waiting {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Paused,
+        Self::After,
         Self::DiskFull,
         Self::StoreAway,
         Self::Scene,

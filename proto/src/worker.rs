@@ -368,6 +368,8 @@ mod tests {
             schedule: Default::default(),
             layers: Vec::new(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         LeaseReply {
             assignment: Some(Assignment { lease, spec }),

@@ -158,7 +158,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
         (render(&outside, &[]), [outside_at.as_str(), "secret.ply"]),
         (render(&foggy, &["--strict"]), [foggy_at.as_str(), "--strict"]),
         (render(&missing, &[]), ["missing.xml", "not found"]),
-        (render(folder.path(), &[]), ["is a folder", "scene file"]),
+        (render(folder.path(), &[]), ["3 scenes, name one of them", "broken.xml"]),
         (
             render(&good, &["--set", "photon=3", "--integrator", "pppm"]),
             ["--set photon", "photons"],

@@ -1,16 +1,25 @@
 //! The command line as typed.
 
-use crate::farm_args::{CredentialArgs, FarmArgs};
+use crate::compare::{self, CompareArgs};
+use crate::converge::{self, ConvergeArgs};
+use crate::doctor::{self, DoctorArgs};
+use crate::farm_args::FarmArgs;
+use crate::frames::{Frames, frames};
+use crate::help;
+use crate::input::SceneFormat;
+use crate::logs::{self, LogsArgs};
 use crate::steer_args::{
     DeleteArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
 };
+use crate::token_args::TokenArgs;
+use crate::watch::{self, WatchArgs};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_core::integrator::{INTEGRATORS, Integrator};
 use photonfarm_core::settings::reference;
-use photonfarm_proto::token::Role;
+use photonfarm_proto::id::JobId;
 use std::collections::BTreeMap;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
@@ -19,162 +28,58 @@ use std::time::Duration;
 /// Longest name of a submission, which the farm takes as an idempotency key.
 const KEY_BYTES: usize = 255;
 
-const EXIT_CODES: &str = "\
-Exit codes:
-  0    done; the picture, if one was asked for, is complete
-  1    failed; the message says why, and files are as they were before
-  2    the command line cannot be understood
-  3    the job failed
-  4    the job was cancelled
-  5    no coordinator answers
-  6    the farm refuses: no such job, a limit, a token without the right
-  130  interrupted by Ctrl-C; files are as they were before, and `render` keeps what it has in
-       OUT.partial.exr and OUT.partial.farm";
-
-const RENDER_EXAMPLES: &str = "\
-Examples:
-  photonfarm render scene.xml -o image.exr
-      Renders with the scene's own integrator (pcf where it names none of ours)
-      and writes image.exr and image.png.
-  photonfarm render scene.xml -o image.exr --integrator pppm --iterations 256
-      More iterations: less noise and less blur.
-  photonfarm render scene.xml -o image.exr --integrator pcf --set photons=1000000 --set theta1=10
-      More light paths per iteration, and a narrower first angle.
-  photonfarm render scene.xml -o small.exr -D width=320 -D height=240
-      Gives values to the scene's <default> parameters.
-  photonfarm render scene.xml -o again.exr --from image.exr
-      Repeats a picture, bit for bit, with the settings that it names.
-  photonfarm render scene.xml -o image.exr --layer albedo --layer normal --layer lamp:key --layer 'lamp:*'
-      Layers for a compositor in the same file: what is seen first, and the light of each lamp.
-  photonfarm render scene.xml --sensor floor -o lux.csv
-      Writes what a meter measures as a table: of a grid on a rectangle a line for each place.
-  photonfarm render scene.xml -o image.exr --from image.partial.exr
-      Goes on with a render that was interrupted: image.partial.farm holds what it needs. Without
-      that folder it begins anew, to the same bits.
-
-image.exr holds linear Rec. 709 radiance in 32-bit floats, a rough standard error of the luminance
-in the channel `standard_error`, and everything that repeats the render in its attributes. Noise is
-the mean of these errors over the mean luminance, but for the worst hundredth of the pixels.
-image.png is for looking at: exposure and highlights follow the global operator of Reinhard et al.
-(2002).
-The same scene, settings and seed give the same image.exr on any machine, with any --threads.";
-
-const CHECK_EXAMPLES: &str = "\
-Examples:
-  photonfarm check scene.xml
-      Format, picture size, shapes, lights, materials, textures, bounds; the integrator and the
-      settings that `render` would take; warnings; the files that a farm would be sent.
-  photonfarm check scene.pbrt --strict
-      Fails where anything is left out or replaced.
-  photonfarm check scene.xml -v
-      Lists also what is accepted and changes nothing in the picture.
-  photonfarm check scene.glb --json
-      The same for programs; a scene that cannot be loaded gives its errors in `errors`.";
-
-const SUBMIT_EXAMPLES: &str = "\
-Examples:
-  photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --iterations 256 --wait -o image.exr
-      Sends the scene to the farm, shows progress, and fetches image.exr and image.png.
-  photonfarm submit scene.xml --coordinator http://127.0.0.1:7800
-      Prints the number of the job and leaves.
-  photonfarm wait 7 --coordinator http://127.0.0.1:7800 -o image.exr
-      Waits for job 7, whoever submitted it and however long ago, and fetches its picture.
-  photonfarm submit scene.xml --key \"nightly $(date +%F)\" --wait -o image.exr
-      For scripts that may be run again: the first run of the day makes a job, later ones take it up.
-
-The scene file and every file that it names are sent; what the farm has already is not sent again.
-They may lie anywhere on this machine. --wait goes on through restarts of the
-coordinator. Interrupting it leaves the job running on the farm, and says how to go on waiting. Each
-submission makes a new job, the same scene and settings as well, unless --key says that it is the same
-submission: then the scene and all settings must be the same, and the job may have ended since.";
-
-const SERVE_EXAMPLES: &str = "\
-Examples:
-  photonfarm serve --listen 127.0.0.1:7800 --data farm
-  photonfarm-worker --coordinator http://127.0.0.1:7800
-  photonfarm submit scene.xml --coordinator http://127.0.0.1:7800 --wait -o image.exr
-
-Everything that the coordinator knows lies in the data folder: stop it or kill it, start it again
-with the same folder, and its jobs go on. Port 0 takes a free port; the first line on
-standard output says which. RUST_LOG sets how much is logged (warn, info, debug,
-photonfarm_coordinator=trace, ...).
-
---state and --blobs keep jobs and bytes elsewhere; several coordinators share a farm by the same ones.
-For s3:// the usual variables AWS_ENDPOINT, AWS_REGION, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY apply:
-  photonfarm serve --listen 127.0.0.1:7800 --state postgres://farm:PASSWORD@db/farm --blobs s3://renders/farm
-
-A farm without any token is open to whoever can connect, so it listens on this machine only. Once
-there is one, every request needs one. To listen for other machines:
-  photonfarm token create boss --role admin --data farm > boss.token
-  photonfarm serve --listen 0.0.0.0:7800 --data farm --tls-cert farm.pem --tls-key farm.key";
-
-const BACKUP_EXAMPLES: &str = "\
-Examples:
-  photonfarm backup --data farm /backup/farm-$(date +%F)
-      Saves the farm as it stands at an instant while the command runs.
-  photonfarm serve --listen 127.0.0.1:7800 --data /backup/farm-2026-11-27
-      Serves what was saved; or copy it to where the farm was, while that is stopped.
-
-A farm that was restored notices, and numbers new jobs beyond all that it can have given since the
-backup. Jobs in PostgreSQL are saved by PostgreSQL's own means: see docs/FARM.md.";
-
-const TOKEN_EXAMPLES: &str = "\
-Examples:
-  photonfarm token create boss --role admin --data farm > boss.token
-      Makes the first token of a farm that is not running, on its data folder.
-  export PHOTONFARM_COORDINATOR=https://farm.example:7800 PHOTONFARM_TOKEN_FILE=boss.token
-  photonfarm token create rack --role worker > rack.token
-  photonfarm token create ann --role submit --days 90 --most-jobs 20 --most-gigabytes 50 > ann.token
-  photonfarm token list
-  photonfarm token revoke ann
-      Makes, lists and revokes tokens of a running farm.
-
-Roles: read looks at everything; submit also sends scenes and jobs, and steers its own jobs; worker
-renders and sees nothing but the files of scenes; admin does everything. The token goes to standard
-output, once: the farm keeps only its hash. Jobs of a revoked token go on.";
-
 /// Renders scenes by photon mapping, alone or on a farm of machines. Of an option that is given twice the last one counts
 #[derive(Debug, Parser)]
-#[command(name = "photonfarm", version, after_help = EXIT_CODES, arg_required_else_help = true, args_override_self = true)]
+#[command(name = "photonfarm", version, after_help = help::EXIT_CODES, arg_required_else_help = true, args_override_self = true)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
 }
 
-const COMPLETIONS_EXAMPLES: &str = "\
-Examples:
-  photonfarm completions bash > ~/.local/share/bash-completion/completions/photonfarm
-  photonfarm completions zsh > ~/.zfunc/_photonfarm
-  photonfarm completions fish > ~/.config/fish/completions/photonfarm.fish";
-
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Render a scene on this machine
-    #[command(after_help = RENDER_EXAMPLES)]
+    #[command(after_help = help::RENDER)]
     Render(RenderArgs),
     /// Load a scene and say what it holds, how it would be rendered, and what of it is not rendered as it is written
-    #[command(after_help = CHECK_EXAMPLES)]
+    #[command(after_help = help::CHECK)]
     Check(CheckArgs),
+    /// Say how far two pictures are from each other: MSE, relMSE, SSIM, and where
+    #[command(after_help = compare::EXAMPLES)]
+    Compare(CompareArgs),
+    /// Render a scene and write its error against a reference after 1, 2, 4, ... iterations
+    #[command(after_help = converge::EXAMPLES)]
+    Converge(ConvergeArgs),
     /// Run the coordinator of a farm
-    #[command(after_help = SERVE_EXAMPLES)]
+    #[command(after_help = help::SERVE)]
     Serve(ServeArgs),
     /// Send a scene to a farm
-    #[command(after_help = SUBMIT_EXAMPLES)]
+    #[command(after_help = help::SUBMIT)]
     Submit(SubmitArgs),
     /// Wait until jobs of a farm are done, and fetch the picture of one
-    #[command(after_help = EXIT_CODES)]
+    #[command(after_help = help::EXIT_CODES)]
     Wait(WaitArgs),
     /// Fetch the picture of a job as it stands, whether or not it is done
-    #[command(after_help = EXIT_CODES)]
+    #[command(after_help = help::EXIT_CODES)]
     Fetch(FetchArgs),
     /// Save a farm to a folder, while it runs or not
-    #[command(after_help = BACKUP_EXAMPLES)]
+    #[command(after_help = help::BACKUP)]
     Backup(BackupArgs),
     /// Make, list and revoke tokens: who may use a farm
-    #[command(after_help = TOKEN_EXAMPLES)]
+    #[command(after_help = help::TOKEN)]
     Token(TokenArgs),
     /// List the jobs of a farm, or show one
+    #[command(after_help = help::JOBS)]
     Jobs(JobsArgs),
+    /// Watch a job as it goes on, until it ends
+    #[command(after_help = watch::EXAMPLES)]
+    Watch(WatchArgs),
+    /// Say what happened to a job, and when
+    #[command(after_help = logs::EXAMPLES)]
+    Logs(LogsArgs),
+    /// Look at a deployment and say what is wrong with it
+    #[command(after_help = doctor::EXAMPLES)]
+    Doctor(DoctorArgs),
     /// Hand out no new work of a job; what is at work goes on and counts
     Pause(JobArg),
     /// Go on with a job that was paused
@@ -190,10 +95,11 @@ pub(crate) enum Command {
     Extend(ExtendArgs),
     /// Set the priority of a job
     Priority(PriorityArgs),
+    #[command(after_help = help::WORKERS)]
     /// List the workers of a farm, put one into quarantine, or let it out
     Workers(WorkersArgs),
     /// Print what a shell needs to complete commands and options by the tabulator key
-    #[command(after_help = COMPLETIONS_EXAMPLES)]
+    #[command(after_help = help::COMPLETIONS)]
     Completions {
         /// The shell
         shell: Shell,
@@ -225,6 +131,10 @@ pub(crate) struct RenderArgs {
     /// Stop after this time, such as 90s, 30m or 8h, with the iterations that are complete
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "from")]
     pub(crate) within: Option<Duration>,
+    /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance,
+    /// without the hundredth of the pixels with the largest errors
+    #[arg(long, value_name = "X", value_parser = positive, conflicts_with = "from")]
+    pub(crate) noise_target: Option<f64>,
     /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
     #[arg(long, value_name = "FILE")]
     pub(crate) stats: Option<PathBuf>,
@@ -322,101 +232,28 @@ pub(crate) struct SubmitArgs {
     /// Name of the job for people [default: that of the scene file, or of its folder where that is `scene`]
     #[arg(long, value_name = "NAME")]
     pub(crate) name: Option<String>,
+    /// Label of the job, which `jobs --label` finds (repeatable)
+    #[arg(long, value_name = "KEY=VALUE", value_parser = pair)]
+    pub(crate) label: Vec<(String, String)>,
+    /// Begin once this job is done; where that fails or is cancelled, this one is cancelled
+    #[arg(long, value_name = "JOB")]
+    pub(crate) after: Option<JobId>,
+    /// Make a job of each of these frames, such as 1..24 or 1,5,9-12: as --frame of each, with the label frame=N. The picture of
+    /// frame 7 is OUT.0007.exr
+    #[arg(long, value_name = "FRAMES", value_parser = frames, conflicts_with_all = ["frame", "from"])]
+    pub(crate) frames: Option<Frames>,
     /// Wait until the job is done
     #[arg(long)]
     pub(crate) wait: bool,
+    /// Print the job's status as JSON in place of its number: as the farm has taken it, or with --wait as it ended
+    #[arg(long)]
+    pub(crate) json: bool,
     /// Picture to write when the job is done, with a PNG beside it
     #[arg(short, long, value_name = "OUT.exr", requires = "wait")]
     pub(crate) output: Option<PathBuf>,
     /// Name of this submission: another one with the same name makes no new job, but takes up the one that the first made
     #[arg(long, value_name = "NAME", value_parser = key, conflicts_with = "within")]
     pub(crate) key: Option<String>,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct TokenArgs {
-    #[command(subcommand)]
-    pub(crate) command: TokenCommand,
-}
-
-#[derive(Debug, Subcommand)]
-pub(crate) enum TokenCommand {
-    /// Make a token; it is printed once
-    Create(CreateTokenArgs),
-    /// List the tokens: name, role, and what was used of its quotas
-    List {
-        #[command(flatten)]
-        place: TokenPlace,
-    },
-    /// Revoke a token; its jobs go on
-    Revoke {
-        /// Name of the token
-        name: String,
-        #[command(flatten)]
-        place: TokenPlace,
-    },
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct CreateTokenArgs {
-    /// Name of the token: 1 to 64 letters, digits, `-`, `_` and `.`; its jobs show it as their owner
-    pub(crate) name: String,
-    /// What the token allows
-    #[arg(long, value_enum)]
-    pub(crate) role: RoleName,
-    /// Days until the token ends [default: it does not]
-    #[arg(long, value_name = "D", value_parser = positive)]
-    pub(crate) days: Option<f64>,
-    /// Most jobs at once [default: no limit]
-    #[arg(long, value_name = "N")]
-    pub(crate) most_jobs: Option<u64>,
-    /// Most gigabytes of scenes, each distinct file once [default: no limit]
-    #[arg(long, value_name = "GB", value_parser = positive)]
-    pub(crate) most_gigabytes: Option<f64>,
-    /// Most iterations of all jobs, ended ones included [default: no limit]
-    #[arg(long, value_name = "N")]
-    pub(crate) most_iterations: Option<u64>,
-    #[command(flatten)]
-    pub(crate) place: TokenPlace,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum RoleName {
-    /// Look at jobs, images, scenes and workers
-    Read,
-    /// Also send scenes and jobs, and steer the jobs sent with this token
-    Submit,
-    /// Render
-    Worker,
-    /// Everything
-    Admin,
-}
-
-impl From<RoleName> for Role {
-    fn from(name: RoleName) -> Self {
-        match name {
-            RoleName::Read => Self::Read,
-            RoleName::Submit => Self::Submit,
-            RoleName::Worker => Self::Worker,
-            RoleName::Admin => Self::Admin,
-        }
-    }
-}
-
-/// Where tokens are.
-#[derive(Debug, Args)]
-pub(crate) struct TokenPlace {
-    /// Data folder of a farm that is not running
-    #[arg(long, value_name = "DIR")]
-    pub(crate) data: Option<PathBuf>,
-    /// State of a farm, as `serve --state` has it; a database may be in use, a file may not
-    #[arg(long, value_name = "URL", env = "PHOTONFARM_STATE", hide_env_values = true)]
-    pub(crate) state: Option<StatePlace>,
-    /// A running farm's coordinator, such as http://127.0.0.1:7800
-    #[arg(long, value_name = "URL", env = "PHOTONFARM_COORDINATOR")]
-    pub(crate) coordinator: Option<String>,
-    #[command(flatten)]
-    pub(crate) credentials: CredentialArgs,
 }
 
 /// What can be the name of a submission: a header holds it.
@@ -428,7 +265,7 @@ fn key(text: &str) -> Result<String, String> {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value <= 1e9 => Ok(value),
         _ => Err("expected a number above 0".to_owned()),
@@ -436,11 +273,15 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// What to render.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct JobArgs {
-    /// Scene file: Mitsuba's XML of any version, pbrt, or glTF (.gltf, .glb)
+    /// Scene file: Mitsuba's XML of any version, pbrt, or glTF (.gltf, .glb); a folder or an archive (zip, tar, tar.gz) with one in it;
+    /// or - for standard input, whose scene may name files of the current folder
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
+    /// Format of the scene on standard input [default: as its content shows]
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub(crate) format: Option<SceneFormat>,
     /// How to render [default: the scene's own if it is one of these, else pcf]
     #[arg(long, value_name = "NAME", value_parser = integrator_parser())]
     pub(crate) integrator: Option<&'static Integrator>,
@@ -559,6 +400,15 @@ mod tests {
             "photonfarm submit s.xml --coordinator http://localhost:1 --tag a=b --tag c --priority 3 --noise-target 0.1 --within 2h",
             "photonfarm jobs --coordinator http://localhost:1",
             "photonfarm jobs 3 --json --coordinator http://localhost:1",
+            "photonfarm jobs --sort left --reverse --watch --coordinator http://localhost:1",
+            "photonfarm logs 3 --json --coordinator http://localhost:1",
+            "photonfarm doctor --data d --json --coordinator http://localhost:1",
+            "photonfarm jobs --label shot=3 --label draft --coordinator http://localhost:1",
+            "photonfarm submit s.glb --frames 1..24 --label a=b --label c=d --after 7 --json --coordinator http://localhost:1",
+            "photonfarm submit - --format pbrt --coordinator http://localhost:1",
+            "photonfarm compare a.exr b.exr --difference d.png --epsilon 0.1 --json",
+            "photonfarm converge s.xml --reference r.exr --probe 1,2 --probe 3,4 -o a.csv --plot a.png --within 9s",
+            "photonfarm watch 3 --json --coordinator http://localhost:1",
             "photonfarm extend 3 100 --coordinator http://localhost:1",
             "photonfarm priority 3 20 --coordinator http://localhost:1",
             "photonfarm workers --coordinator http://localhost:1",
@@ -585,6 +435,11 @@ mod tests {
             "photonfarm render s.xml -o o.exr --from a.exr --within 1m",
             "photonfarm submit s.xml --coordinator http://localhost:1 -o o.exr",
             "photonfarm serve --data d",
+            "photonfarm submit s.glb --frames 3..1 --coordinator http://localhost:1",
+            "photonfarm submit s.glb --frames 1..3 --frame 2 --coordinator http://localhost:1",
+            "photonfarm submit s.xml --label shot --coordinator http://localhost:1",
+            "photonfarm converge s.xml",
+            "photonfarm jobs 3 --watch --coordinator http://localhost:1",
             "photonfarm serve --listen 127.0.0.1:0 --data d --tls-cert c",
             "photonfarm token create a --data d",
             "photonfarm token create a --role boss --data d",

@@ -1,11 +1,15 @@
 //! A client of the coordinator's public interface that goes on through restarts.
 
+use crate::events::Events;
+use crate::progress::transfer as bar_of;
 use crate::say::tell;
 use anyhow::{Context, Result, anyhow, bail};
 use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt};
+use photonfarm_core::picture;
 use photonfarm_proto::api::{
-    BundleReply, EVENT_END, EVENT_STATUS, FARM, Health, IDEMPOTENCY_KEY, JobPage, SetPriority, WorkerList, WorkerStatus,
+    BundleReply, EVENT_END, EVENT_STATUS, FARM, Health, IDEMPOTENCY_KEY, JobLog, JobPage, Session, SetPriority,
+    WorkerList, WorkerStatus,
 };
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -14,12 +18,13 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_worker::transfer::{self, SILENCE, TransferError};
 use photonfarm_worker::{Credentials, explain, is_lasting};
-use reqwest::header::{CONTENT_TYPE, HeaderMap};
+use reqwest::header::{CONTENT_TYPE, DATE, HeaderMap};
+use reqwest::tls::TlsInfo;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::Serialize;
 use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::time::sleep;
 
 /// How long the first answer may take: a coordinator that is just starting.
@@ -37,8 +42,8 @@ const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 /// Jobs that are asked for at once: as many as a page has.
 const PAGE: usize = 100;
-/// Longest line of an event stream: far beyond any job's status.
-const EVENT_BYTES: usize = 16 << 20;
+/// Where the metadata of a picture end at the latest.
+const HEAD_BYTES: usize = 4 << 20;
 
 /// A coordinator.
 #[derive(Clone, Debug)]
@@ -50,6 +55,21 @@ pub(crate) struct Client {
     credentials: Credentials,
     /// The farm that answered first; answers of another one are refused.
     farm: Arc<OnceLock<String>>,
+}
+
+/// What was seen of a coordinator.
+#[derive(Debug)]
+pub(crate) struct Sighting {
+    /// From the request to its answer.
+    pub(crate) took: Duration,
+    /// What its clock says, in whole seconds.
+    pub(crate) server_time: Option<SystemTime>,
+    /// What the clock here said then.
+    pub(crate) local_time: SystemTime,
+    /// Its certificate as DER, where the connection is encrypted.
+    pub(crate) certificate: Option<Vec<u8>>,
+    /// How it is.
+    pub(crate) health: Health,
 }
 
 /// No coordinator has answered for as long as there is patience.
@@ -79,7 +99,7 @@ impl Client {
             builder.connect_timeout(CONNECT_TIMEOUT).pool_idle_timeout(IDLE)
         };
         Ok(Self {
-            http: builder().read_timeout(READ_TIMEOUT).build()?,
+            http: builder().read_timeout(READ_TIMEOUT).tls_info(true).build()?,
             uploads: builder().build()?,
             base,
             credentials,
@@ -112,6 +132,39 @@ impl Client {
             self.farm.get_or_init(|| health.farm.farm.clone());
         }
         Ok(health)
+    }
+
+    /// Looks at the coordinator: what it says of itself, its clock and its certificate.
+    pub(crate) async fn look(&self) -> Result<Sighting> {
+        self.connect().await?;
+        let started = Instant::now();
+        let request = || self.http.request(Method::GET, self.address("healthz"));
+        let response = self.retry(FIRST_PATIENCE, request).await?;
+        let took = started.elapsed();
+        let date = response.headers().get(DATE).and_then(|value| value.to_str().ok());
+        let server_time = date.and_then(http_time);
+        let tls = response.extensions().get::<TlsInfo>();
+        let certificate = tls.and_then(TlsInfo::peer_certificate).map(<[u8]>::to_vec);
+        Ok(Sighting {
+            took,
+            server_time,
+            local_time: SystemTime::now(),
+            certificate,
+            health: response.json().await?,
+        })
+    }
+
+    /// Who the farm takes the bearer of the token for.
+    pub(crate) async fn session(&self) -> Result<Session> {
+        let request = || self.request(Method::GET, "session");
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
+    }
+
+    /// What happened to a job.
+    pub(crate) async fn job_log(&self, job: JobId) -> Result<JobLog> {
+        let path = format!("jobs/{job}/log");
+        let request = || self.request(Method::GET, &path);
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
     }
 
     /// Announces a bundle; the answer says what is missing.
@@ -244,12 +297,37 @@ impl Client {
         let started = Instant::now();
         loop {
             let response = self.retry(PATIENCE, || self.request(Method::GET, &path)).await?;
-            match response.bytes().await {
-                Ok(bytes) => return Ok(bytes.into()),
+            let bar = bar_of("fetching", response.content_length().unwrap_or(0));
+            let whole = response.bytes_stream().try_fold(Vec::new(), async |mut whole, piece| {
+                whole.extend_from_slice(&piece);
+                bar.inc(piece.len() as u64);
+                Ok(whole)
+            });
+            let whole = whole.await;
+            bar.finish_and_clear();
+            match whole {
+                Ok(bytes) => return Ok(bytes),
                 Err(error) if started.elapsed() > PATIENCE => return Err(error.into()),
                 Err(_) => sleep(FIRST_PAUSE).await,
             }
         }
+    }
+
+    /// The noise of a job's picture as it stands, which its first bytes say; nothing where it does not know.
+    pub(crate) async fn noise(&self, job: JobId) -> Result<Option<f64>> {
+        let path = format!("jobs/{job}/image.exr");
+        let response = self.retry(FIRST_PATIENCE, || self.request(Method::GET, &path)).await?;
+        let (mut head, mut pieces) = (Vec::new(), response.bytes_stream());
+        while let Some(piece) = pieces.next().await {
+            head.extend_from_slice(&piece?);
+            if let Ok(metadata) = picture::read_metadata(&head) {
+                return Ok(metadata.and_then(|metadata| metadata.noise));
+            }
+            if head.len() > HEAD_BYTES {
+                break;
+            }
+        }
+        Ok(None)
     }
 
     /// Follows a job to its end, however often the connection breaks, and tells `watch` of each status, which may
@@ -322,6 +400,12 @@ impl Client {
     }
 }
 
+/// A time of HTTP, such as `Sun, 06 Nov 1994 08:49:37 GMT` (RFC 9110, section 5.6.7).
+fn http_time(text: &str) -> Option<SystemTime> {
+    let time = chrono::DateTime::parse_from_rfc2822(text).ok()?;
+    Some(UNIX_EPOCH + Duration::from_secs(time.timestamp().try_into().ok()?))
+}
+
 fn is_gone(error: &anyhow::Error) -> bool {
     let problem = error.downcast_ref::<Problem>();
     problem.is_some_and(|problem| problem.code == ErrorCode::NotFound)
@@ -379,82 +463,16 @@ pub(crate) fn other_farm(found: &str, expected: &str) -> String {
     )
 }
 
-/// Server-sent events (HTML standard, section 9.2) of an answer.
-struct Events {
-    response: std::pin::Pin<Box<dyn futures_util::Stream<Item = reqwest::Result<Vec<u8>>> + Send>>,
-    pending: Vec<u8>,
-}
-
-impl Events {
-    fn of(response: Response) -> Self {
-        let chunks = response.bytes_stream().map(|chunk| chunk.map(|bytes| bytes.to_vec()));
-        Self {
-            response: Box::pin(chunks),
-            pending: Vec::new(),
-        }
-    }
-
-    /// The name and data of the next event; nothing once the connection has ended.
-    async fn next(&mut self) -> Result<Option<(String, String)>> {
-        let (mut name, mut data) = (String::new(), String::new());
-        while let Some(line) = self.line().await? {
-            match line.split_once(':') {
-                Some(("event", value)) => name = value.trim_start().to_owned(),
-                Some(("data", value)) => {
-                    data.push_str(value.strip_prefix(' ').unwrap_or(value));
-                    data.push('\n');
-                }
-                _ if line.is_empty() && !data.is_empty() => return Ok(Some((name, data))),
-                _ => {}
-            }
-        }
-        Ok(None)
-    }
-
-    async fn line(&mut self) -> Result<Option<String>> {
-        loop {
-            if let Some(end) = self.pending.iter().position(|b| *b == b'\n') {
-                let line: Vec<u8> = self.pending.drain(..=end).collect();
-                return Ok(Some(
-                    String::from_utf8_lossy(&line).trim_end_matches(['\r', '\n']).to_owned(),
-                ));
-            }
-            if self.pending.len() > EVENT_BYTES {
-                bail!("an event of more than {EVENT_BYTES} bytes: is this a Photonfarm coordinator?");
-            }
-            match self.response.next().await {
-                Some(Ok(chunk)) => self.pending.extend_from_slice(&chunk),
-                Some(Err(_)) | None => return Ok(None),
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use reqwest::header::HeaderName;
 
-    fn events(chunks: &[&str]) -> Events {
-        let chunks: Vec<reqwest::Result<Vec<u8>>> = chunks.iter().map(|c| Ok(c.as_bytes().to_vec())).collect();
-        Events {
-            response: Box::pin(futures_util::stream::iter(chunks)),
-            pending: Vec::new(),
-        }
-    }
-
-    #[tokio::test]
-    async fn events_are_read_across_chunks() {
-        let mut events = events(&[
-            "event: sta",
-            "tus\nda",
-            "ta: {}\n\n: alive\n\nevent:end\r\ndata:1\r\ndata:2\r\n\r\n",
-            "data: cut",
-        ]);
-        let mut next = async || events.next().await.unwrap();
-        assert_eq!(next().await, Some(("status".into(), "{}\n".into())));
-        assert_eq!(next().await, Some(("end".into(), "1\n2\n".into())));
-        assert_eq!(next().await, None);
+    #[test]
+    fn times_of_answers_are_read() {
+        let time = http_time("Sun, 06 Nov 1994 08:49:37 GMT").unwrap();
+        assert_eq!(time.duration_since(UNIX_EPOCH).unwrap().as_secs(), 784_111_777);
+        assert_eq!(http_time("yesterday"), None);
     }
 
     #[test]

@@ -1,18 +1,18 @@
 //! From the command line to a job: the scene is read, checked and bundled with every file that it names.
 
 use crate::args::{JobArgs, unique};
+use crate::input::Input;
 use crate::repeat::OldPicture;
 use crate::{say, settings};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use bytes::Bytes;
 use photonfarm_core::integrator::layers::{LayerError, Layers};
-use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneFolder, SceneWarning};
+use photonfarm_core::scene::{Limits, RecordedFiles, Scene, SceneWarning};
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::job::JobSpec;
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// A job, ready to be sent.
@@ -23,6 +23,8 @@ pub(crate) struct PreparedJob {
     pub(crate) manifest: BundleManifest,
     /// Their contents.
     pub(crate) contents: BTreeMap<BlobHash, Bytes>,
+    /// What the job is called where nothing else is said.
+    pub(crate) name: String,
     /// Repeating the submission under this key does not create a second job.
     pub(crate) key: String,
 }
@@ -61,10 +63,10 @@ impl PreparedJob {
             }
         };
         let set = unique("--set", &args.set)?;
-        let (folder, main) = split(&args.scene)?;
+        let input = Input::open(&args.scene, args.format)?;
+        let main = input.main.as_str();
         let context = || format!("cannot load the scene {}", args.scene.display());
-        let files = SceneFolder::new(folder).with_context(context)?;
-        let recorded = RecordedFiles::new(&files);
+        let recorded = RecordedFiles::new(&*input.files);
         let sensor = match &old {
             Some(old) => old.metadata.sensor.clone(),
             None => args.sensor.clone(),
@@ -106,6 +108,8 @@ impl PreparedJob {
             schedule: Default::default(),
             layers,
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos();
         let key = format!("{now:x}-{:x}", std::process::id());
@@ -114,6 +118,7 @@ impl PreparedJob {
                 spec,
                 manifest,
                 contents,
+                name: input.name,
                 key,
             },
             scene,
@@ -134,18 +139,4 @@ pub(crate) fn refuse_warnings(args: &JobArgs, scene: &Scene) -> Result<()> {
         1.. if args.strict => bail!("--strict: the scene is not rendered as it is written, see its warnings"),
         _ => Ok(()),
     }
-}
-
-/// The folder of the scene file and its name there.
-fn split(scene: &Path) -> Result<(&Path, &str)> {
-    if scene.is_dir() {
-        return Err(anyhow!("{} is a folder: name the scene file in it", scene.display()));
-    }
-    let name = scene.file_name().and_then(|name| name.to_str());
-    let name = name.ok_or_else(|| anyhow!("{} is no name of a scene file", scene.display()))?;
-    let folder = scene
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    Ok((folder, name))
 }

@@ -29,6 +29,19 @@ impl FarmFolder {
         }
     }
 
+    /// The folder of the render of a picture: what an earlier one left there is gone on from.
+    pub(crate) fn of(output: &Path) -> Result<Self> {
+        let folder = folder_of(&partial(output));
+        let empty = || fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_none());
+        if folder.exists() && !folder.join(STATE).is_file() && !empty() {
+            bail!(
+                "{} is in the way: no interrupted render left it; move it, or choose another name for the picture",
+                folder.display()
+            );
+        }
+        Ok(Self::Kept(folder))
+    }
+
     pub(crate) fn path(&self) -> &Path {
         match self {
             Self::Temporary(folder) => folder.path(),
@@ -144,6 +157,23 @@ mod tests {
             FarmFolder::beside(Some(&picture)).unwrap(),
             FarmFolder::Temporary(_)
         ));
+    }
+
+    #[test]
+    fn the_folder_of_a_picture_lies_beside_it() {
+        let folder = temporary().unwrap();
+        let output = folder.path().join("a.exr");
+        let found = FarmFolder::of(&output).unwrap();
+        assert_eq!(found.path(), folder.path().join("a.partial.farm"));
+        farm(found.path(), "x");
+        found.keep(&partial(&output)).unwrap();
+        FarmFolder::of(&output).unwrap().remove().unwrap();
+        assert!(!folder.path().join("a.partial.farm").exists());
+        fs::create_dir(folder.path().join("a.partial.farm")).unwrap();
+        FarmFolder::of(&output).unwrap();
+        fs::write(folder.path().join("a.partial.farm/mine"), "").unwrap();
+        let error = FarmFolder::of(&output).err().unwrap().to_string();
+        assert!(error.contains("in the way"), "{error}");
     }
 
     #[test]

@@ -7,12 +7,23 @@ mod args;
 mod backup;
 mod check;
 mod client;
+mod compare;
+mod converge;
+mod doctor;
+mod events;
 mod farm_args;
+mod frames;
+mod help;
+mod input;
 mod job;
 mod kept;
+mod local;
 mod log;
+mod logs;
 mod manual;
+mod metrics;
 mod output;
+mod plot;
 mod progress;
 mod render;
 mod repeat;
@@ -25,6 +36,8 @@ mod steer_args;
 mod submit;
 mod table;
 mod token;
+mod token_args;
+mod watch;
 
 use args::{Cli, Command, LogFormat};
 use clap::Parser;
@@ -63,6 +76,8 @@ fn main() -> ExitCode {
     let result = match command {
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Converge(args) => converge::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
         Command::Wait(args) => submit::wait(args),
@@ -70,6 +85,9 @@ fn main() -> ExitCode {
         Command::Backup(args) => backup::run(args),
         Command::Token(args) => token::run(args),
         Command::Jobs(args) => steer::jobs(args),
+        Command::Watch(args) => watch::run(args),
+        Command::Logs(args) => logs::run(args),
+        Command::Doctor(args) => doctor::run(args),
         Command::Pause(args) => steer::act(args, "pause"),
         Command::Resume(args) => steer::act(args, "resume"),
         Command::Cancel(args) => steer::act(args, "cancel"),

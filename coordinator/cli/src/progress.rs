@@ -4,11 +4,13 @@ use crate::say::tell;
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use photonfarm_proto::job::JobStatus;
 use std::io::IsTerminal;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Least time between two lines where there is no terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
-const TEMPLATE: &str = "{bar:32} {pos}/{len} iterations{msg}, {eta} left";
+/// Bytes that are sent and fetched without a bar.
+const FEW_BYTES: u64 = 4 << 20;
+const TEMPLATE: &str = "{bar:24} {pos}/{len} iterations{msg}";
 
 /// Shows progress on standard error.
 pub(crate) struct Progress {
@@ -17,6 +19,8 @@ pub(crate) struct Progress {
     last_line: Option<Instant>,
     /// Iterations and totals when watching began.
     base: Option<Base>,
+    /// The noise of the picture, where it was looked at.
+    noise: Option<f64>,
 }
 
 #[derive(Clone, Copy)]
@@ -29,7 +33,7 @@ struct Base {
 impl Progress {
     /// Begins.
     pub(crate) fn start(iterations: u32) -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
+        let bar = is_shown_live().then(|| {
             let style = ProgressStyle::with_template(TEMPLATE).unwrap_or_else(|_| ProgressStyle::default_bar());
             let bar = ProgressBar::new(iterations.into()).with_style(style);
             bar.enable_steady_tick(Duration::from_millis(200));
@@ -40,6 +44,7 @@ impl Progress {
             started: Instant::now(),
             last_line: None,
             base: None,
+            noise: None,
         }
     }
 
@@ -52,8 +57,10 @@ impl Progress {
             rays: counts.rays,
         };
         let base = *self.base.get_or_insert(now);
-        let details = details(status, base, self.started.elapsed());
+        let elapsed = self.started.elapsed();
+        let details = details(status, base, elapsed, self.noise) + &time_left(status, base, elapsed);
         if let Some(bar) = &self.bar {
+            bar.set_length(status.spec.iterations.into());
             bar.set_position(status.iterations_rendered);
             bar.set_message(details);
             return;
@@ -61,10 +68,14 @@ impl Progress {
         let due = self.last_line.is_none_or(|last| last.elapsed() >= LINE_INTERVAL);
         if due || status.state.ended() {
             self.last_line = Some(Instant::now());
-            let left = time_left(status, base, self.started.elapsed());
             let (done, all) = (status.iterations_rendered, status.spec.iterations);
-            tell(format_args!("{done}/{all} iterations{details}{left}"));
+            tell(format_args!("{done}/{all} iterations{details}"));
         }
+    }
+
+    /// Notes the noise of the picture as it stands, which shows from the next update on.
+    pub(crate) fn note_noise(&mut self, noise: f64) {
+        self.noise = Some(noise);
     }
 
     /// Removes the bar.
@@ -75,29 +86,118 @@ impl Progress {
     }
 }
 
-fn details(status: &JobStatus, base: Base, elapsed: Duration) -> String {
-    let sigma = status
-        .totals
-        .bandwidth
-        .map(|b| format!(", sigma {:.3e}", b.sigma[1]))
-        .unwrap_or_default();
+/// A bar for bytes that are sent or fetched; hidden where they are few or nobody looks.
+pub(crate) fn transfer(what: &'static str, bytes: u64) -> ProgressBar {
+    if !is_shown_live() || bytes < FEW_BYTES {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{msg} {bar:24} {bytes} of {total_bytes}, {bytes_per_sec}, {eta} left");
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(bytes).with_style(style).with_message(what)
+}
+
+/// Whether somebody looks at a terminal.
+pub(crate) fn is_shown_live() -> bool {
+    std::io::stderr().is_terminal()
+}
+
+/// Bandwidths as they are now, noise, speed.
+fn details(status: &JobStatus, base: Base, elapsed: Duration, noise: Option<f64>) -> String {
+    let mut text = String::new();
+    if let Some(bandwidth) = status.totals.bandwidth {
+        text += &format!(", sigma {:.3e}", bandwidth.sigma[1]);
+        if let Some([_, theta]) = bandwidth.theta {
+            text += &format!(", theta {:.2}°", theta.to_degrees());
+        }
+    }
+    let checked = status.checkpoint.and_then(|checkpoint| checkpoint.noise);
+    if let Some(noise) = noise.or(checked) {
+        text += &format!(", noise {noise:.4}");
+        if let Some(target) = status.spec.schedule.noise_target {
+            text += &format!(" (to {target})");
+        }
+    }
     let counts = &status.totals.counts;
     let rate = |count: u64| count as f64 / elapsed.as_secs_f64().max(1e-3) / 1e6;
     let photons = counts.light_paths.saturating_sub(base.light_paths);
     let rays = counts.rays.saturating_sub(base.rays);
     match (photons, rays) {
-        (0, 0) => sigma,
-        (0, rays) => format!("{sigma}, {:.2} M rays/s", rate(rays)),
-        (photons, _) => format!("{sigma}, {:.2} M photons/s", rate(photons)),
+        (0, 0) => {}
+        (0, rays) => text += &format!(", {:.2} M rays/s", rate(rays)),
+        (photons, _) => text += &format!(", {:.2} M photons/s", rate(photons)),
     }
+    if let Some(reason) = status.waiting.as_ref().filter(|_| !status.state.ended()) {
+        text += &format!(", waits: {reason}");
+    }
+    text
 }
 
+/// Time until the last iteration at the pace so far, or until the deadline where that comes first.
 fn time_left(status: &JobStatus, base: Base, elapsed: Duration) -> String {
     let done = status.iterations_rendered.saturating_sub(base.iterations);
     let left = u64::from(status.spec.iterations).saturating_sub(status.iterations_rendered);
-    if done == 0 || left == 0 {
+    if left == 0 || status.state.ended() {
         return String::new();
     }
-    let seconds = elapsed.as_secs_f64() / done as f64 * left as f64;
-    format!(", {} left", HumanDuration(Duration::from_secs_f64(seconds)))
+    let at_pace = (done > 0).then(|| elapsed.as_secs_f64() / done as f64 * left as f64);
+    let until = status.spec.schedule.deadline_ms.and_then(|end| {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
+        Some(Duration::from_millis(end).saturating_sub(now).as_secs_f64())
+    });
+    let seconds = match (at_pace, until) {
+        (Some(pace), Some(until)) => Some(pace.min(until)),
+        (pace, until) => pace.or(until),
+    };
+    let time = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    time.map_or(String::new(), |time| format!(", {} left", HumanDuration(time)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOTHING: Base = Base {
+        iterations: 0,
+        light_paths: 0,
+        rays: 0,
+    };
+
+    fn status(more: serde_json::Value) -> JobStatus {
+        let mut json = serde_json::json!({
+            "id": 1, "state": "running", "created_ms": 0, "iterations_done": 4, "iterations_rendered": 4,
+            "poisoned": [], "workers": 1, "totals": photonfarm_proto::job::Totals::default(),
+            "spec": {"scene": "0".repeat(64), "main": "a.xml", "iterations": 8, "integrator": {"type": "pcf"}}});
+        for (name, value) in more.as_object().unwrap() {
+            json[name] = value.clone();
+        }
+        serde_json::from_value(json).unwrap()
+    }
+
+    #[test]
+    fn what_is_known_is_said_and_nothing_else() {
+        let ten = Duration::from_secs(10);
+        let bare = status(serde_json::json!({}));
+        assert_eq!(details(&bare, NOTHING, ten, None), "");
+        assert_eq!(time_left(&bare, NOTHING, ten), ", 10 seconds left");
+        let mut full = bare.clone();
+        full.totals.counts.light_paths = 30_000_000;
+        full.totals.bandwidth = Some(photonfarm_proto::job::BandwidthRange {
+            sigma: [0.5, 0.25],
+            theta: Some([0.2, 0.1]),
+        });
+        full.spec.schedule.noise_target = Some(0.01);
+        assert_eq!(
+            details(&full, NOTHING, ten, Some(0.125)),
+            ", sigma 2.500e-1, theta 5.73°, noise 0.1250 (to 0.01), 3.00 M photons/s"
+        );
+    }
+
+    #[test]
+    fn a_deadline_that_comes_first_bounds_the_time_left() {
+        let mut soon = status(serde_json::json!({}));
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+        soon.spec.schedule.deadline_ms = Some((now + Duration::from_secs(5)).as_millis() as u64);
+        let text = time_left(&soon, NOTHING, Duration::from_secs(60));
+        assert!(text == ", 5 seconds left" || text == ", 4 seconds left", "{text}");
+    }
 }

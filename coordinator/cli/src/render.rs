@@ -1,36 +1,25 @@
-//! `photonfarm render`: a coordinator and a worker in one process, with a temporary data folder.
+//! `photonfarm render`: a coordinator and a worker in one process.
 
 use crate::args::RenderArgs;
 use crate::client::Client;
 use crate::job::PreparedJob;
 use crate::kept::{self, FarmFolder};
+use crate::local::{self, LocalFarm};
 use crate::output::{OutputFile, PictureFiles};
 use crate::say;
 use crate::stats::Stats;
 use crate::steer_args::deadline;
 use crate::{Interrupted, submit};
 use anyhow::{Context, Result, bail};
-use photonfarm_coordinator::scheduler::SchedulerConfig;
-use photonfarm_coordinator::{Config, Coordinator};
 use photonfarm_core::picture;
 use photonfarm_core::scene::Scene;
+use photonfarm_proto::RENDERER;
 use photonfarm_proto::id::JobId;
-use photonfarm_proto::job::{JobSpec, JobStatus};
-use photonfarm_worker::{
-    BundleFiles, CancellationToken, CoreScene, Credentials, LoadedScene, Renderer, Worker, WorkerConfig,
-};
-use std::num::NonZeroUsize;
+use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
+use photonfarm_worker::{CoreScene, LoadedScene};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tokio::net::TcpListener;
-
-/// How long a lease should take [ms]: short, so that progress shows.
-const LEASE_TARGET_MS: u64 = 1000;
-/// How long a lease lasts without a heartbeat [ms]: the worker shares the coordinator's fate, and cannot be lost alone.
-const LEASE_TTL_MS: u64 = 24 * 3600 * 1000;
-/// How long the worker may take to say goodbye.
-const FAREWELL: Duration = Duration::from_secs(5);
 
 /// Runs the command.
 pub(crate) fn run(args: RenderArgs) -> Result<()> {
@@ -39,10 +28,15 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let stats = args.stats.as_deref().map(OutputFile::check).transpose()?;
     let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule.deadline_ms = args.within.map(deadline).transpose()?;
+    job.spec.schedule.noise_target = args.noise_target;
     let load_seconds = started.elapsed().as_secs_f64();
-    let farm = FarmFolder::beside(args.job.from.as_deref())?;
+    // A deadline is one of this process: there is nothing to go on with later.
+    let (farm, earlier) = match (&args.job.from, args.within) {
+        (None, None) => (FarmFolder::of(&args.output)?, Earlier::Replaced),
+        (from, _) => (FarmFolder::beside(from.as_deref())?, Earlier::Expected),
+    };
     let runtime = tokio::runtime::Runtime::new()?;
-    let threads = args.threads.map_or_else(default_threads, NonZeroUsize::get);
+    let threads = local::threads(args.threads);
     let interrupt = tokio::signal::ctrl_c();
     let layers = job.spec.layers()?;
     let scene = Arc::new(CoreScene { scene, layers });
@@ -50,10 +44,21 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         Some(seconds) => previews(client, job, Duration::from_secs_f64(seconds), &output, &scene.scene).await,
         None => std::future::pending().await,
     };
-    let result = runtime.block_on(render(&job, scene.clone(), farm.path(), threads, preview, interrupt));
+    let place = (farm.path(), earlier);
+    let result = runtime.block_on(render(&job, scene.clone(), place, threads, preview, interrupt));
     // An iteration that was interrupted need not come to its end.
     runtime.shutdown_background();
-    let rendered = match result? {
+    let rendered = match result {
+        Err(error) => {
+            // Nothing comes of a job that has failed.
+            if error.is::<submit::JobEnded>() {
+                farm.remove()?;
+            }
+            return Err(error);
+        }
+        Ok(ending) => ending,
+    };
+    let rendered = match rendered {
         Ending::Complete(rendered) => rendered,
         Ending::Interrupted(partial) => return keep_partial(&args, farm, partial.as_ref()),
     };
@@ -121,6 +126,7 @@ impl Output {
 fn keep_partial(args: &RenderArgs, farm: FarmFolder, partial: Option<&Rendered>) -> Result<()> {
     let Some(Rendered { exr, png, .. }) = partial else {
         say::tell("interrupted before the first iteration was complete: nothing is kept");
+        farm.remove()?;
         return Err(Interrupted.into());
     };
     let picture = kept::partial(&args.output);
@@ -130,14 +136,10 @@ fn keep_partial(args: &RenderArgs, farm: FarmFolder, partial: Option<&Rendered>)
     let all = metadata.iterations_asked.map_or(done, u64::from);
     let (scene, picture, output) = (args.job.scene.display(), picture.display(), args.output.display());
     say::tell(format_args!(
-        "interrupted after {done} of {all} iterations, which {picture} holds. To go on:\n    \
+        "interrupted after {done} of {all} iterations, which {picture} holds. To go on, give the same command again, or:\n    \
          photonfarm render {scene} --from {picture} -o {output}"
     ));
     Err(Interrupted.into())
-}
-
-fn default_threads() -> usize {
-    std::thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
 /// How a render ended.
@@ -168,88 +170,85 @@ async fn previews(client: &Client, job: JobId, every: Duration, output: &Output,
     }
 }
 
+/// What is in the folder of a render's farm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Earlier {
+    /// A part of this picture, or nothing.
+    Expected,
+    /// Whatever an earlier render of a picture of this name left: of another picture it counts no more.
+    Replaced,
+}
+
 /// Renders a job in the data folder `farm`, in which an earlier render may have left a part of it, until it is done or `interrupt`
 /// comes.
 async fn render(
     job: &PreparedJob,
     scene: Arc<dyn LoadedScene>,
-    farm: &Path,
+    (farm, earlier): (&Path, Earlier),
     threads: usize,
     preview: impl AsyncFnOnce(&Client, JobId) -> Result<()>,
     interrupt: impl Future<Output = std::io::Result<()>>,
 ) -> Result<Ending> {
-    let listener = TcpListener::bind("127.0.0.1:0")
-        .await
-        .context("cannot listen on the loopback interface")?;
-    let scheduler = SchedulerConfig {
-        lease_target_ms: LEASE_TARGET_MS,
-        lease_ttl_ms: LEASE_TTL_MS,
-        reconnect_ms: 0,
-        ..SchedulerConfig::default()
-    };
-    let config = Config {
-        scheduler,
-        ..Config::new(farm)
-    };
-    let coordinator = Coordinator::start(config, listener).await?;
-    let scenes = kept::temporary()?;
-    let worker = Worker::new(WorkerConfig {
-        threads,
-        renderer: Arc::new(Ready(scene)),
-        ..WorkerConfig::new(coordinator.url(), scenes.path())
-    })?;
-    let client = Client::new(&coordinator.url(), Credentials::default())?;
-    let drain = CancellationToken::new();
-    let mut work = tokio::spawn(worker.run(drain.clone()));
-    let picture = async {
-        let asked = begin(&client, job, farm).await?;
-        let status = tokio::select! {
-            status = submit::follow(&client, &asked) => status?,
-            Err(error) = preview(&client, asked.id) => return Err(error),
+    let work = async |client: &Client| {
+        let picture = async {
+            let asked = begin(client, job, farm, earlier).await?;
+            let status = tokio::select! {
+                status = submit::follow(client, &asked) => status?,
+                Err(error) = preview(client, asked.id) => return Err(error),
+            };
+            fetch(client, status).await.map(Ending::Complete)
         };
-        fetch(&client, status).await.map(Ending::Complete)
+        tokio::select! {
+            result = picture => result,
+            signal = interrupt => match signal {
+                Ok(()) => interrupted(client).await.map(Ending::Interrupted),
+                Err(error) => Err(error.into()),
+            },
+        }
     };
-    let result = tokio::select! {
-        result = picture => result,
-        ended = &mut work => match ended? {
-            Ok(()) => bail!("the worker ended before the job did"),
-            Err(error) => Err(error.into()),
-        },
-        signal = interrupt => match signal {
-            Ok(()) => interrupted(&client).await.map(Ending::Interrupted),
-            Err(error) => Err(error.into()),
-        },
+    let local = LocalFarm {
+        folder: farm,
+        scene,
+        threads,
     };
-    drain.cancel();
-    if let Ok(Ending::Complete(_)) = &result {
-        let _ = tokio::time::timeout(FAREWELL, &mut work).await;
-    }
-    work.abort();
-    // What it was lent goes back, without blame.
-    let service = coordinator.service();
-    for worker in service.workers().await? {
-        service.leave(worker.id).await?;
-    }
-    coordinator.shutdown().await;
-    result
+    local.run(work, |ending| matches!(ending, Ending::Complete(_))).await
 }
 
 /// Sends the job, or finds it where an earlier render has begun with it.
-async fn begin(client: &Client, job: &PreparedJob, farm: &Path) -> Result<JobStatus> {
+async fn begin(client: &Client, job: &PreparedJob, farm: &Path, earlier: Earlier) -> Result<JobStatus> {
     let Some(begun) = client.jobs(1, |_| true).await?.pop() else {
         return submit::send(client, job).await;
     };
-    let spec = JobSpec {
-        schedule: job.spec.schedule.clone(),
-        ..begun.spec.clone()
+    let (done, all) = (begun.iterations_done, job.spec.iterations);
+    let is_same = match earlier {
+        Earlier::Expected => {
+            let schedule = job.spec.schedule.clone();
+            job.spec
+                == JobSpec {
+                    schedule,
+                    ..begun.spec.clone()
+                }
+        }
+        Earlier::Replaced => {
+            let built_alike = begun.renderer.as_ref().is_none_or(|build| build == RENDERER);
+            let goes_on = !begun.state.ended() || begun.state == JobState::Done;
+            begun.spec == job.spec && built_alike && goes_on
+        }
     };
-    if spec != job.spec {
-        let farm = farm.display();
+    if is_same {
+        say::tell(format_args!("going on after {done} of {all} iterations"));
+        return Ok(begun);
+    }
+    let farm = farm.display();
+    if earlier == Earlier::Expected {
         bail!("{farm} holds a part of another picture: remove it, and the picture is rendered from the beginning");
     }
-    let (done, all) = (begun.iterations_done, spec.iterations);
-    say::tell(format_args!("going on after {done} of {all} iterations"));
-    Ok(begun)
+    say::tell(format_args!("{farm} held a part of another picture, which is left out"));
+    if !begun.state.ended() {
+        client.post_job(begun.id, "cancel", &serde_json::json!({})).await?;
+    }
+    client.delete_job(begun.id).await?;
+    submit::send(client, job).await
 }
 
 /// What there is of the picture. One worker delivers iterations in their order, so that they are the first ones.
@@ -271,15 +270,6 @@ async fn fetch(client: &Client, status: JobStatus) -> Result<Rendered> {
     Ok(Rendered { status, exr, png })
 }
 
-/// The scene of the one job, loaded before it was submitted.
-struct Ready(Arc<dyn LoadedScene>);
-
-impl Renderer for Ready {
-    fn load(&self, _files: &BundleFiles, _spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String> {
-        Ok(self.0.clone())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -288,6 +278,7 @@ mod tests {
     use photonfarm_core::scene::Wishes;
     use photonfarm_core::settings::IntegratorSettings;
     use photonfarm_proto::job::BandwidthRange;
+    use photonfarm_worker::CancellationToken;
     use std::future::pending;
 
     /// A scene that stays at iteration `last` until its lease is lost, and says so.
@@ -375,7 +366,15 @@ mod tests {
             let folder = kept::temporary().unwrap();
             let options = format!("--iterations 40 --integrator {integrator}");
             let (job, scene) = prepare(folder.path(), &options);
-            let whole = render(&job, Arc::new(scene), &folder.path().join("whole"), 1, none, pending()).await;
+            let whole = render(
+                &job,
+                Arc::new(scene),
+                (&folder.path().join("whole"), Earlier::Expected),
+                1,
+                none,
+                pending(),
+            )
+            .await;
             let whole = complete(whole.unwrap());
             let work = folder.path().join("a.partial.farm");
             let mut done = 0;
@@ -391,7 +390,9 @@ mod tests {
                     reached.cancelled().await;
                     Ok(())
                 };
-                let ending = render(&job, Arc::new(stuck), &work, 1, none, interrupt).await.unwrap();
+                let ending = render(&job, Arc::new(stuck), (&work, Earlier::Replaced), 1, none, interrupt)
+                    .await
+                    .unwrap();
                 let Ending::Interrupted(Some(partial)) = ending else {
                     panic!("it was interrupted after the first iteration")
                 };
@@ -410,9 +411,16 @@ mod tests {
             let farm = FarmFolder::beside(Some(&folder.path().join("a.partial.exr"))).unwrap();
             assert!(matches!(farm, FarmFolder::Kept(_)));
             let rest = complete(
-                render(&job, Arc::new(scene), farm.path(), 1, none, pending())
-                    .await
-                    .unwrap(),
+                render(
+                    &job,
+                    Arc::new(scene),
+                    (farm.path(), Earlier::Expected),
+                    1,
+                    none,
+                    pending(),
+                )
+                .await
+                .unwrap(),
             );
             assert!(
                 rest.exr == whole.exr && rest.png == whole.png,
@@ -421,9 +429,25 @@ mod tests {
             let counts = |rendered: &Rendered| rendered.status.totals.counts;
             assert_eq!(counts(&rest), counts(&whole), "every iteration counts once");
             let (other, scene) = prepare(folder.path(), "--iterations 41");
-            let error = render(&other, Arc::new(scene), farm.path(), 1, none, pending()).await;
+            let error = render(
+                &other,
+                Arc::new(scene),
+                (farm.path(), Earlier::Expected),
+                1,
+                none,
+                pending(),
+            )
+            .await;
             let error = error.err().unwrap().to_string();
             assert!(error.contains("another picture"), "{error}");
+            let place = (farm.path(), Earlier::Replaced);
+            let (other, scene) = prepare(folder.path(), "--iterations 41");
+            let anew = complete(
+                render(&other, Arc::new(scene), place, 1, none, pending())
+                    .await
+                    .unwrap(),
+            );
+            assert_eq!(anew.status.iterations_done, 41, "what was there is left out");
         }
     }
 }

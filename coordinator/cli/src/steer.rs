@@ -8,7 +8,13 @@ use crate::table;
 use anyhow::{Context, Result, ensure};
 use photonfarm_proto::api::{Extend, Quarantine, SetPriority};
 use photonfarm_proto::job::JobStatus;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::io::IsTerminal;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Time between two looks of `jobs --watch`.
+const STEP: Duration = Duration::from_secs(2);
+/// What makes a terminal empty, with the cursor at its top (ECMA-48: CUP, ED).
+const CLEAR: &str = "\x1b[H\x1b[2J";
 
 fn block_on(work: impl Future<Output = Result<()>>) -> Result<()> {
     tokio::runtime::Runtime::new()?.block_on(work)
@@ -31,8 +37,9 @@ pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
         let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
         match args.job {
             Some(job) => show(&client.status(job).await?, args.json),
+            None if args.watch => watch_jobs(&client, &args).await,
             None => {
-                let jobs = client.jobs(args.limit, |job| args.wants(job)).await?;
+                let jobs = list(&client, &args).await?;
                 match args.json {
                     true => say::json(&jobs),
                     false if jobs.is_empty() => say::none("jobs"),
@@ -41,6 +48,40 @@ pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
             }
         }
     })
+}
+
+/// The jobs that are asked for, in their order.
+async fn list(client: &Client, args: &JobsArgs) -> Result<Vec<JobStatus>> {
+    let mut jobs = client.jobs(args.limit, |job| args.wants(job)).await?;
+    if let Some(field) = args.sort {
+        table::sort(&mut jobs, field);
+    }
+    if args.reverse {
+        jobs.reverse();
+    }
+    Ok(jobs)
+}
+
+/// Lists jobs again and again: in place of the list before on a terminal, else whenever something has changed.
+async fn watch_jobs(client: &Client, args: &JobsArgs) -> Result<()> {
+    let live = std::io::stdout().is_terminal() && !args.json;
+    let mut before = None;
+    loop {
+        let jobs = list(client, args).await?;
+        if live || before.as_ref() != Some(&jobs) {
+            let text = match args.json {
+                true => serde_json::to_string(&jobs)?,
+                false if jobs.is_empty() => "no jobs".to_owned(),
+                false => table::jobs(&jobs, now_ms()?),
+            };
+            match live {
+                true => say::line(format_args!("{CLEAR}{text}"))?,
+                false => say::line(text)?,
+            }
+        }
+        before = Some(jobs);
+        tokio::time::sleep(STEP).await;
+    }
 }
 
 /// Hands out no new work of a job, goes on with it, or cancels it.
@@ -86,6 +127,12 @@ pub(crate) fn resubmit(args: JobArg) -> Result<()> {
         spec.schedule.paused = false;
         if spec.schedule.deadline_ms.take().is_some() {
             say::tell(format_args!("job {} had a deadline, which is left out", args.job));
+        }
+        if let Some(first) = spec.after.take() {
+            say::tell(format_args!(
+                "job {} came after job {first}, which is left out: `submit --after` makes one that does",
+                args.job
+            ));
         }
         if let Some(stop) = old.stop {
             spec.iterations = stop.asked;
@@ -142,7 +189,8 @@ pub(crate) fn workers(args: WorkersArgs) -> Result<()> {
     })
 }
 
-fn show(job: &JobStatus, json: bool) -> Result<()> {
+/// Prints a job: its line, and what else is to be known of it.
+pub(crate) fn show(job: &JobStatus, json: bool) -> Result<()> {
     if json {
         return say::json(job);
     }

@@ -3,7 +3,7 @@
 use crate::farm_args::{CredentialArgs, FarmArgs};
 use crate::table;
 use anyhow::{Context, Result};
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 use photonfarm_proto::id::{JobId, WorkerId};
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::schedule::{PRIORITY, Schedule};
@@ -28,11 +28,46 @@ pub(crate) struct JobsArgs {
     /// List jobs only whose name has this in it
     #[arg(long, value_name = "TEXT", conflicts_with = "job")]
     pub(crate) name: Option<String>,
-    /// Print JSON
+    /// List jobs only that have this label, whatever its value where none is given (repeatable)
+    #[arg(long, value_name = "KEY[=VALUE]", conflicts_with = "job")]
+    pub(crate) label: Vec<String>,
+    /// List them by this; of numbers the largest first, and what is not known last [default: newest first]
+    #[arg(long, value_enum, value_name = "FIELD", conflicts_with = "job")]
+    pub(crate) sort: Option<SortField>,
+    /// List them the other way round
+    #[arg(long, conflicts_with = "job")]
+    pub(crate) reverse: bool,
+    /// List them again and again, until Ctrl-C; where that is no terminal, whenever something has changed
+    #[arg(long, conflicts_with = "job")]
+    pub(crate) watch: bool,
+    /// Print JSON; with --watch a line each time
     #[arg(long)]
     pub(crate) json: bool,
     #[command(flatten)]
     pub(crate) farm: FarmArgs,
+}
+
+/// What jobs are sorted by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SortField {
+    /// Name
+    Name,
+    /// State: what goes on first
+    State,
+    /// Share of the iterations that are done
+    Done,
+    /// Time since it was submitted
+    Age,
+    /// Time until it is done
+    Left,
+    /// Iterations a second: the slowest job is the last
+    Speed,
+    /// Workers at it
+    Workers,
+    /// Priority
+    Priority,
+    /// Name of the token that it was submitted with
+    Owner,
 }
 
 impl JobsArgs {
@@ -42,6 +77,16 @@ impl JobsArgs {
         (self.state.is_empty() || self.state.iter().any(|wanted| wanted == state))
             && self.owner.as_ref().is_none_or(|owner| *owner == job.owner)
             && self.name.as_ref().is_none_or(|part| table::name(job).contains(part))
+            && self.label.iter().all(|wanted| has_label(job, wanted))
+    }
+}
+
+/// Whether a job has a label: `KEY`, or `KEY=VALUE`.
+fn has_label(job: &JobStatus, wanted: &str) -> bool {
+    let labels = &job.spec.labels;
+    match wanted.split_once('=') {
+        Some((name, value)) => labels.get(name).is_some_and(|found| found == value),
+        None => labels.contains_key(wanted),
     }
 }
 

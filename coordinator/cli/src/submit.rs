@@ -1,19 +1,27 @@
 //! `photonfarm submit` sends a scene to a farm; `photonfarm wait` waits for a job.
 
-use crate::args::SubmitArgs;
+use crate::args::{SubmitArgs, unique};
 use crate::client::{Client, other_farm};
+use crate::frames::picture_of;
 use crate::job::PreparedJob;
 use crate::output::PictureFiles;
-use crate::progress::Progress;
+use crate::progress::{Progress, is_shown_live, transfer};
 use crate::say;
 use crate::steer_args::{FetchArgs, WaitArgs};
 use anyhow::{Context, Result, bail, ensure};
 use photonfarm_core::picture;
 use photonfarm_core::scene::Scene;
 use photonfarm_proto::id::JobId;
-use photonfarm_proto::job::{JobSpec, JobState, JobStatus, NAME_BYTES};
-use std::ffi::OsStr;
+use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
+use std::cell::{Cell, RefCell};
+use std::convert::Infallible;
 use std::path::Path;
+use std::time::Duration;
+
+/// Iterations after which the noise of a picture is first looked at: an error is estimated from their scatter.
+const FIRST_NOISE: u64 = 4;
+/// Least time between two looks.
+const NOISE_PAUSE: Duration = Duration::from_secs(1);
 
 /// Runs the command.
 pub(crate) fn run(args: SubmitArgs) -> Result<()> {
@@ -21,27 +29,109 @@ pub(crate) fn run(args: SubmitArgs) -> Result<()> {
 }
 
 async fn submit(args: SubmitArgs) -> Result<()> {
-    let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
+    let frames: Vec<Option<u32>> = match &args.frames {
+        Some(frames) => frames.0.iter().copied().map(Some).collect(),
+        None => vec![None],
+    };
+    let path_of = |frame: Option<u32>| {
+        let output = args.output.as_deref();
+        output.map(|output| frame.map_or(output.to_owned(), |frame| picture_of(frame, output)))
+    };
+    let outputs = frames.iter().map(|frame| {
+        let path = path_of(*frame);
+        path.as_deref().map(PictureFiles::check).transpose()
+    });
+    let outputs = outputs.collect::<Result<Vec<_>>>()?;
     let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
-    let (mut job, scene) = PreparedJob::new(&args.job)?;
-    job.spec.schedule = args.schedule.schedule()?;
-    job.spec.name = args.name.unwrap_or_else(|| name_of(&args.job.scene));
-    job.key = args.key.unwrap_or(job.key);
-    let farm = client.connect().await?.farm.farm;
-    let asked = send(&client, &job).await?;
-    let id = asked.id;
-    let said = say::line(id);
+    let (mut farm, mut sent) = (None, Vec::new());
+    for frame in &frames {
+        let told = |error| told_at(*frame, &sent, error);
+        let (job, scene) = prepare(&args, *frame).map_err(told)?;
+        if farm.is_none() {
+            farm = Some(client.connect().await?.farm.farm);
+        }
+        let asked = send(&client, &job).await.map_err(told)?;
+        if !args.json {
+            match say::line(asked.id) {
+                // The picture is what was asked for, whether or not somebody reads the number.
+                Err(error) if args.wait && error.is::<say::ReaderLeft>() => {}
+                said => said?,
+            }
+        }
+        sent.push((asked, frames.len().eq(&1).then_some(scene)));
+    }
+    let farm = farm.unwrap_or_default();
     if !args.wait {
-        return said;
+        return if args.json {
+            tell_all(sent.into_iter().map(|(job, _)| job).collect())
+        } else {
+            Ok(())
+        };
     }
-    // The picture is what was asked for, whether or not somebody reads the number.
-    match said {
-        Err(error) if !error.is::<say::ReaderLeft>() => return Err(error),
-        _ => {}
+    let (mut worst, mut ended) = (Ok(()), Vec::new());
+    for (((asked, scene), output), frame) in sent.iter().zip(outputs).zip(frames) {
+        let id = asked.id;
+        let again = again(id, &args.farm.coordinator, &farm, path_of(frame).as_deref());
+        say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
+        match await_picture(&client, asked, output, scene.as_ref(), &again).await {
+            // The other frames are waited for all the same.
+            Err(error) if error.is::<JobEnded>() => worst = worst.and(Err(error)),
+            result => result?,
+        }
+        if args.json {
+            ended.push(client.status(id).await?);
+        }
     }
-    let again = again(id, &args.farm.coordinator, &farm, args.output.as_deref());
-    say::tell(format_args!("job {id}; if this is interrupted, go on with: {again}"));
-    await_picture(&client, &asked, output, Some(&scene), &again).await
+    if args.json {
+        tell_all(ended)?;
+    }
+    worst
+}
+
+/// A job as it is to be sent, of a frame where the scene has several.
+fn prepare(args: &SubmitArgs, frame: Option<u32>) -> Result<(PreparedJob, Scene)> {
+    let mut asked = args.job.clone();
+    if frame.is_some() {
+        ensure!(
+            args.job.scene != Path::new("-"),
+            "--frames reads the scene again for each frame, which standard input does not allow: name a file"
+        );
+        asked.frame = frame.map(f64::from);
+    }
+    let (mut job, scene) = PreparedJob::new(&asked)?;
+    job.spec.schedule = args.schedule.schedule()?;
+    job.spec.labels = unique("--label", &args.label)?;
+    job.spec.after = args.after;
+    job.spec.name = args.name.clone().unwrap_or_else(|| job.name.clone());
+    job.key = args.key.clone().unwrap_or(job.key);
+    if let Some(frame) = frame {
+        let label = job.spec.labels.entry("frame".to_owned());
+        label.or_insert_with(|| frame.to_string());
+        job.spec.name += &format!(" {frame:04}");
+        job.key += &format!(" frame {frame}");
+    }
+    Ok((job, scene))
+}
+
+/// An error, with what is to be known where not all frames were sent.
+fn told_at(frame: Option<u32>, sent: &[(JobStatus, Option<Scene>)], error: anyhow::Error) -> anyhow::Error {
+    let Some(frame) = frame else { return error };
+    let numbers: Vec<String> = sent.iter().map(|(job, _)| job.id.to_string()).collect();
+    error.context(match numbers.as_slice() {
+        [] => format!("frame {frame} was not sent"),
+        numbers => format!(
+            "frame {frame} was not sent, nor those after it; the jobs {} go on",
+            numbers.join(" ")
+        ),
+    })
+}
+
+/// Prints one job as JSON, several as a list.
+fn tell_all(mut jobs: Vec<JobStatus>) -> Result<()> {
+    match jobs.len() {
+        1 => say::json(&jobs.remove(0)),
+        _ => say::json(&jobs),
+    }
 }
 
 /// Runs the command `wait`.
@@ -85,23 +175,6 @@ pub(crate) fn fetch_picture(args: FetchArgs) -> Result<()> {
     })
 }
 
-/// A name for a job that renders a scene file: the file's own, or its folder's where that says nothing.
-fn name_of(scene: &Path) -> String {
-    let part = |part: Option<&OsStr>| part.map(|part| part.to_string_lossy().into_owned());
-    let file = part(scene.file_stem()).unwrap_or_default();
-    let folder = scene.canonicalize().ok();
-    let folder = folder.and_then(|scene| part(scene.parent()?.file_name()));
-    let mut name = match file.as_str() {
-        "scene" | "main" | "index" => folder.unwrap_or(file),
-        _ => file,
-    };
-    name.retain(|c| !c.is_control());
-    while name.len() > NAME_BYTES {
-        name.pop();
-    }
-    name
-}
-
 /// A job ended without all of its iterations.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum JobEnded {
@@ -109,8 +182,8 @@ pub(crate) enum JobEnded {
     #[error("job {0} failed: {1}")]
     Failed(JobId, String),
     /// Somebody cancelled it.
-    #[error("job {0} was cancelled after {1} iterations")]
-    Cancelled(JobId, u64),
+    #[error("job {0} was cancelled after {1} iterations{2}")]
+    Cancelled(JobId, u64, String),
 }
 
 /// The command that goes on waiting.
@@ -158,6 +231,8 @@ async fn await_picture(
 /// Sends what the farm lacks of the bundle, then the job. Returns the job as the farm has taken it.
 pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus> {
     let reply = client.announce(&job.manifest).await?;
+    let contents = reply.missing.iter().filter_map(|hash| job.contents.get(hash));
+    let bar = transfer("sending", contents.map(|bytes| bytes.len() as u64).sum());
     for hash in reply.missing {
         let Some(bytes) = job.contents.get(&hash) else {
             bail!("the coordinator asks for {hash}, which is no file of the scene");
@@ -166,25 +241,61 @@ pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus
         let name = named.map_or("a file", |(name, _)| name.as_str());
         let context = || format!("cannot send {name} ({} bytes)", bytes.len());
         client.upload(hash, bytes).await.with_context(context)?;
+        bar.inc(bytes.len() as u64);
     }
+    bar.finish_and_clear();
     client.submit(&job.spec, &job.key).await
 }
 
 /// Shows progress until the job is done.
 pub(crate) async fn follow(client: &Client, asked: &JobStatus) -> Result<JobStatus> {
-    let id = asked.id;
-    let mut progress = Progress::start(asked.spec.iterations);
+    ended_well(follow_to_end(client, asked, is_shown_live()).await?)
+}
+
+/// Shows progress until the job ends, however it does; with the noise of the picture where that is `measured`.
+pub(crate) async fn follow_to_end(client: &Client, asked: &JobStatus, measured: bool) -> Result<JobStatus> {
+    let progress = RefCell::new(Progress::start(asked.spec.iterations));
+    let done = Cell::new(0);
     let watch = |status: &JobStatus| {
         check_same(asked, status)?;
-        progress.update(status);
+        done.set(status.iterations_done);
+        progress.borrow_mut().update(status);
         Ok(())
     };
-    let status = client.follow(id, watch).await;
-    progress.finish();
-    let status = status?;
+    let status = tokio::select! {
+        status = client.follow(asked.id, watch) => status,
+        never = measure_noise(client, asked.id, &done, &progress), if measured => match never {},
+    };
+    progress.borrow().finish();
+    status
+}
+
+/// Looks at the noise of the picture whenever the number of iterations in it has doubled.
+async fn measure_noise(client: &Client, job: JobId, done: &Cell<u64>, progress: &RefCell<Progress>) -> Infallible {
+    let mut next = FIRST_NOISE;
+    loop {
+        tokio::time::sleep(NOISE_PAUSE).await;
+        if done.get() < next {
+            continue;
+        }
+        next = 2 * done.get();
+        match client.noise(job).await {
+            Ok(Some(noise)) => progress.borrow_mut().note_noise(noise),
+            Ok(None) => {}
+            Err(error) => tracing::debug!("the noise is not known: {error:#}"),
+        }
+    }
+}
+
+/// A job that is done; else an error that says how it ended.
+pub(crate) fn ended_well(status: JobStatus) -> Result<JobStatus> {
+    let id = status.id;
     match status.state {
         JobState::Done => Ok(status),
-        JobState::Cancelled => Err(JobEnded::Cancelled(id, status.iterations_done).into()),
+        JobState::Cancelled => {
+            let reason = status.failure.as_ref().map(|reason| format!(": {reason}"));
+            Err(JobEnded::Cancelled(id, status.iterations_done, reason.unwrap_or_default()).into())
+        }
         _ => Err(JobEnded::Failed(id, failure(&status)).into()),
     }
 }
@@ -283,24 +394,6 @@ mod tests {
         );
         found.spec.seed = 2;
         assert!(check_same(&asked, &found).is_err());
-    }
-
-    #[test]
-    fn jobs_are_called_as_their_scenes() {
-        for (scene, name) in [
-            ("glass.pbrt", "glass"),
-            ("a/ring.xml", "ring"),
-            ("a/b\u{7}.glb", "b"),
-            ("/nowhere/scene.xml", "scene"),
-        ] {
-            assert_eq!(name_of(Path::new(scene)), name);
-        }
-        let folder = tempfile::tempdir().unwrap();
-        let scene = folder.path().join("kitchen/scene.xml");
-        std::fs::create_dir(scene.parent().unwrap()).unwrap();
-        std::fs::write(&scene, "").unwrap();
-        assert_eq!(name_of(&scene), "kitchen");
-        assert_eq!(name_of(Path::new(&"ä".repeat(300))).len(), NAME_BYTES);
     }
 
     #[test]

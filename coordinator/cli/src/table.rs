@@ -1,5 +1,6 @@
 //! Lists of jobs and workers for people: a line each, in columns.
 
+use crate::steer_args::SortField;
 use comfy_table::{ContentArrangement, Table, presets};
 use indicatif::HumanDuration;
 use photonfarm_proto::api::WorkerStatus;
@@ -21,6 +22,7 @@ pub(crate) fn jobs(jobs: &[JobStatus], now_ms: u64) -> String {
         "LEFT",
         "WORKERS",
         "OWNER",
+        "LABELS",
         "NOTE",
     ];
     let rows = jobs.iter().map(|job| {
@@ -41,10 +43,39 @@ pub(crate) fn jobs(jobs: &[JobStatus], now_ms: u64) -> String {
             left,
             workers,
             job.owner.clone(),
+            joined(job.spec.labels.iter().map(|(name, value)| format!("{name}={value}"))),
             note(job),
         ]
     });
     aligned(&head, rows)
+}
+
+/// Sorts jobs: names from A to Z, of numbers the largest first; what is not known comes last.
+pub(crate) fn sort(jobs: &mut [JobStatus], field: SortField) {
+    let number = |job: &JobStatus| -> Option<f64> {
+        match field {
+            SortField::Done => Some(job.iterations_done as f64 / f64::from(job.spec.iterations.max(1))),
+            SortField::Age => Some(-(job.created_ms as f64)),
+            SortField::Left => time_left(job)
+                .filter(|_| job.state == JobState::Running)
+                .map(|left| left.as_secs_f64()),
+            SortField::Speed => job.iterations_per_second.filter(|_| !job.state.ended()),
+            SortField::Workers => Some(job.workers.into()),
+            SortField::Priority => Some(job.spec.schedule.priority.into()),
+            SortField::Name | SortField::State | SortField::Owner => None,
+        }
+    };
+    let order = ["running", "queued", "paused", "failed", "cancelled", "done"];
+    let place = |job: &JobStatus| order.iter().position(|name| *name == state(job));
+    jobs.sort_by(|a, b| match field {
+        SortField::Name => name(a).cmp(&name(b)),
+        SortField::State => place(a).cmp(&place(b)),
+        SortField::Owner => a.owner.cmp(&b.owner),
+        _ => match (number(a), number(b)) {
+            (Some(a), Some(b)) => b.total_cmp(&a),
+            (a, b) => b.is_some().cmp(&a.is_some()),
+        },
+    });
 }
 
 /// A table of workers.
@@ -219,6 +250,29 @@ mod tests {
             "{text}"
         );
         assert!(lines[2].ends_with('…') && lines[2].starts_with("7 "), "{text}");
+    }
+
+    #[test]
+    fn jobs_are_sorted_by_what_is_asked_for() {
+        let named = |id: u64, text: &str, pace: Option<f64>| {
+            job(|job| {
+                job.id.0 = id;
+                job.spec.name = text.into();
+                job.iterations_per_second = pace;
+                job.created_ms = 100 - id;
+            })
+        };
+        let list = [named(1, "b", None), named(2, "c", Some(2.0)), named(3, "a", Some(0.5))];
+        let sorted = |field| {
+            let mut list = list.clone();
+            sort(&mut list, field);
+            list.map(|job| job.id.0)
+        };
+        assert_eq!(sorted(SortField::Name), [3, 1, 2]);
+        assert_eq!(sorted(SortField::Speed), [2, 3, 1]);
+        assert_eq!(sorted(SortField::Left), [3, 2, 1]);
+        assert_eq!(sorted(SortField::Age), [3, 2, 1]);
+        assert_eq!(sorted(SortField::Priority), [1, 2, 3]);
     }
 
     #[test]

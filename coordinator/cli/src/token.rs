@@ -1,8 +1,8 @@
 //! `photonfarm token`: makes, lists and revokes tokens, on a running farm or on the state of one that is stopped.
 
-use crate::args::{TokenArgs, TokenCommand, TokenPlace};
 use crate::client::Client;
 use crate::say;
+use crate::token_args::{TokenArgs, TokenCommand, TokenPlace};
 use anyhow::{Context, Result, bail};
 use photonfarm_coordinator::Config;
 use photonfarm_coordinator::access::Tokens;

@@ -9,7 +9,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobPage};
+use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobLog, JobPage};
 use photonfarm_proto::history::JobHistory;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
@@ -102,6 +102,16 @@ pub(super) async fn status(State(service): State<App>, Id(id): Id<JobId>) -> Res
 )]
 pub(super) async fn history(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobHistory>, ApiError> {
     Ok(Json(service.history(id).await?))
+}
+
+/// What happened to a job, oldest first. Submission, failed attempts and the end are kept; what else there is this coordinator
+/// remembers since its start.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/log", operation_id = "get_job_log", params(("id" = JobId, Path)),
+    responses((status = 200, body = JobLog), (status = "4XX", body = Problem))
+)]
+pub(super) async fn log(State(service): State<App>, Id(id): Id<JobId>) -> Result<Json<JobLog>, ApiError> {
+    Ok(Json(service.job_log(id).await?))
 }
 
 /// Cancels a job. What has arrived stays. Cancelling a job that has ended changes nothing.

@@ -161,6 +161,7 @@ fn read_routes() -> Routes {
         .get("/v1/jobs/{id}/image.raw", jobs::image_raw)
         .get("/v1/jobs/{id}/events", events::events)
         .get("/v1/jobs/{id}/history", jobs::history)
+        .get("/v1/jobs/{id}/log", jobs::log)
         .get("/v1/events", farm::events)
         .get("/v1/session", session::show)
         .post("/v1/session", session::create)

@@ -55,6 +55,7 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         super::jobs::submit,
         super::jobs::list,
         super::jobs::status,
+        super::jobs::log,
         super::jobs::cancel,
         super::jobs::remove,
         super::jobs::image_exr,

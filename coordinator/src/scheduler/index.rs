@@ -39,6 +39,8 @@ pub(super) struct Facts {
     leased: bool,
     waits: Waits,
     deadline: Option<Millis>,
+    /// The job that it waits for.
+    after: Option<JobId>,
     in_doubt: bool,
     to_fold: bool,
     /// Whether it has nodes that others are to repeat, and nobody does.
@@ -66,8 +68,8 @@ impl Job {
             waits: match () {
                 () if leased => Waits::Not,
                 () if left == 0 && !in_doubt => Waits::ForMerges,
-                () if paused => Waits::Paused,
-                () if in_doubt || !self.failures.is_empty() => Waits::Otherwise,
+                () if self.control.schedule.paused => Waits::Paused,
+                () if paused || in_doubt || !self.failures.is_empty() => Waits::Otherwise,
                 () => Waits::ForWorkers,
             },
             deadline: self
@@ -75,6 +77,7 @@ impl Job {
                 .schedule
                 .deadline_ms
                 .filter(|_| self.control.stop.is_none()),
+            after: self.control.after,
             in_doubt,
             to_fold: self.is_to_be_folded(),
             wants_repeats: !paused && self.nodes.wants_repeats(),
@@ -121,6 +124,8 @@ pub(super) struct JobIndex {
     pub(super) leased: Set<JobId>,
     /// Jobs by the time at which they end.
     pub(super) deadlines: Set<(Millis, JobId)>,
+    /// Jobs by the one that is to be done first.
+    pub(super) after: Set<(JobId, JobId)>,
     /// Jobs with nodes that are to be repeated.
     pub(super) in_doubt: Set<JobId>,
     /// Jobs with images to add up or to read, or that may be complete.
@@ -178,6 +183,9 @@ impl JobIndex {
         }
         if let Some(deadline) = facts.deadline {
             self.deadlines.set((deadline, id), inside);
+        }
+        if let Some(first) = facts.after {
+            self.after.set((first, id), inside);
         }
         let sets = [
             (&mut self.leased, facts.leased),

@@ -224,6 +224,12 @@ impl Job {
         &self.head
     }
 
+    /// Whether nothing of it was ever lent.
+    #[must_use]
+    pub fn is_queued(&self) -> bool {
+        self.state == JobState::Queued
+    }
+
     /// When it ended; nothing while it goes on.
     #[must_use]
     pub fn ended_ms(&self) -> Option<Millis> {

@@ -7,6 +7,7 @@
 //! What an event costs grows with the logarithm of the numbers of jobs, leases and nodes: [`Farm::evolve`] keeps
 //! indexes up to date ([`index`], [`held`], [`roster`], [`nodes`]), and decisions look there instead of searching.
 
+mod after;
 mod alive;
 mod block;
 mod chain;
@@ -50,7 +51,7 @@ use index::JobIndex;
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::JobSpec;
 use photonfarm_proto::node::NodeKey;
-use record::{BlobName, Change, Counters, JobHead, Millis, Snapshot};
+use record::{BlobName, Change, Counters, JobControl, JobHead, Millis, Snapshot};
 use roster::{Roster, Worker};
 use std::collections::BTreeSet;
 use table::Table;
@@ -178,7 +179,7 @@ impl Farm {
         self.jobs.get(&id).ok_or(Refusal::UnknownJob(id))
     }
 
-    /// Somebody submits a job; bundle and limits have been checked.
+    /// Somebody submits a job; bundle and limits have been checked. The job that it comes after goes on, or is done.
     #[must_use]
     pub fn submit(&self, spec: JobSpec, owner: String, key: Option<String>, now: Millis) -> Decision<JobId> {
         let id = JobId(self.counters.job + 1);
@@ -189,7 +190,16 @@ impl Farm {
             key,
             created_ms: now,
         };
-        Decision::new(id, vec![Change::JobSubmitted(head)])
+        let done = head.spec.after.is_some_and(|first| self.job(first).is_none());
+        let begins = done.then(|| Change::JobChanged {
+            job: id,
+            control: JobControl {
+                after: None,
+                ..JobControl::of(&head.spec)
+            },
+        });
+        let changes = [Change::JobSubmitted(head)].into_iter().chain(begins);
+        Decision::new(id, changes.collect())
     }
 
     /// A worker gives a lease back. Giving back what is not held changes nothing.

@@ -270,6 +270,9 @@ pub struct JobControl {
     /// What the scene was warned about.
     #[serde(default)]
     pub warnings: Vec<String>,
+    /// The job that is to be done first, until it is.
+    #[serde(default)]
+    pub after: Option<JobId>,
 }
 
 impl JobControl {
@@ -284,6 +287,7 @@ impl JobControl {
             stop: None,
             integrator: None,
             warnings: Vec::new(),
+            after: spec.after,
         }
     }
 }

@@ -111,8 +111,11 @@ impl Farm {
         if job.done() == job.leaves() && job.nodes.doubts.is_empty() {
             return Some(merging());
         }
-        if job.is_paused() {
+        if job.control.schedule.paused {
             return Some((Waiting::Paused, "it is paused".into()));
+        }
+        if let Some(first) = job.control.after {
+            return Some((Waiting::After, format!("job {first} is to be done first")));
         }
         if let Some(lack) = self.lack(&job.demand) {
             return Some((lack, self.what_lacks(lack, job)));

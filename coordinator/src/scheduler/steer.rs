@@ -134,8 +134,8 @@ impl Farm {
 }
 
 impl Job {
-    /// Whether nothing new of it is handed out.
+    /// Whether nothing new of it is handed out: it is paused, or another one is to be done first.
     pub(super) fn is_paused(&self) -> bool {
-        self.control.schedule.paused
+        self.control.schedule.paused || self.control.after.is_some()
     }
 }

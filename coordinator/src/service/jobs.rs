@@ -20,6 +20,8 @@ use std::sync::Arc;
 const PAGE: u32 = 100;
 /// Jobs on a page if the client does not say.
 const DEFAULT_PAGE: u32 = 20;
+/// How often a submission looks anew at the job that it is to come after, which may end meanwhile.
+const ATTEMPTS: usize = 8;
 
 impl Service {
     /// Keeps a manifest and names what is missing of it.
@@ -91,9 +93,9 @@ impl Service {
         if let Some(key) = &key
             && let Some(known) = self.stores.state.job_by_key(key.clone()).await?
         {
-            // A name changes nothing: the same scene in another folder is the same job.
-            let name = known.head.spec.name.clone();
-            if known.head.spec != (JobSpec { name, ..spec }) {
+            // Names and labels change nothing: the same scene in another folder is the same job.
+            let (name, labels) = (known.head.spec.name.clone(), known.head.spec.labels.clone());
+            if known.head.spec != (JobSpec { name, labels, ..spec }) {
                 let detail = format!(
                     "the key belongs to job {}, which asks for something else",
                     known.head.id
@@ -104,11 +106,37 @@ impl Service {
         }
         self.check_job(&spec).await?;
         self.check_quota(caller, 1, spec.iterations.into()).await?;
-        let owner = caller.name.clone();
-        let id = self
-            .transact(move |farm, now| Ok(farm.submit(spec.clone(), owner.clone(), key.clone(), now)))
-            .await?;
-        Ok((self.status(id).await?, true))
+        for attempt in 0.. {
+            let done = self.is_done(spec.after).await?;
+            let (asked, owner, key) = (spec.clone(), caller.name.clone(), key.clone());
+            let submit = move |farm: &Farm, now| match asked.after {
+                Some(first) if !done && farm.job(first).is_none() => Err(Refusal::UnknownJob(first)),
+                _ => Ok(farm.submit(asked.clone(), owner.clone(), key.clone(), now)),
+            };
+            match self.transact(submit).await {
+                // The job before it has just ended: how, the store knows.
+                Err(ServiceError::Refusal(Refusal::UnknownJob(_))) if !done && attempt < ATTEMPTS => {}
+                id => return Ok((self.status(id?).await?, true)),
+            }
+        }
+        Err(ServiceError::Stopping)
+    }
+
+    /// Whether the job that another is to come after is done already; refused where it will never be.
+    async fn is_done(&self, first: Option<JobId>) -> Result<bool, ServiceError> {
+        let Some(first) = first else { return Ok(true) };
+        let refused = |detail: String| Problem::new(ErrorCode::Invalid, detail).at("after", None);
+        let record = self.stores.state.job(first).await?;
+        let record = record.ok_or_else(|| refused(format!("after: there is no job {first}")))?;
+        let how = match record.state {
+            JobState::Queued | JobState::Running => return Ok(false),
+            JobState::Done => return Ok(true),
+            JobState::Failed => "failed",
+            JobState::Cancelled => "was cancelled",
+        };
+        let detail =
+            format!("after: job {first} {how}: nothing can come after it until it is submitted again and done");
+        Err(refused(detail).into())
     }
 
     /// Refuses so many more jobs and iterations if the caller's quota does not allow them.

@@ -110,7 +110,7 @@ fn failed(job: JobId, leaf: u32, attempt: &Attempt, worker: &str) {
 }
 
 /// What is different in how a job goes on, in words.
-fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<String> {
+pub(super) fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<String> {
     let mut texts = Vec::new();
     let mut tell = |changed: bool, text: String| {
         if changed {
@@ -144,6 +144,10 @@ fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<String> {
         let measured = other(|a, b| a.checkpoint != b.checkpoint);
         tell(measured, format!("its {checkpoint}"));
     }
+    tell(
+        other(|a, b| a.after != b.after),
+        "the job that was to be done first is done".to_owned(),
+    );
     match now.stop {
         Some(stop) => {
             let reason = match stop.reason {
@@ -175,6 +179,7 @@ mod tests {
             stop: None,
             integrator: None,
             warnings: vec![],
+            after: None,
         }
     }
 

@@ -14,6 +14,7 @@ mod image;
 mod jobs;
 mod journal;
 mod kept;
+mod log;
 mod merge;
 mod nodes;
 mod noise;
@@ -96,6 +97,7 @@ pub struct Service {
     missing_files: scenes::MissingFiles,
     pub(crate) counts: counts::Counts,
     histories: history::Histories,
+    log: log::Log,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
@@ -133,6 +135,7 @@ impl Service {
         };
         let (sequence, snapshot) = stores.state.load().await?;
         let farm = Farm::restore(scheduler, snapshot, clock.now());
+        let log = log::Log::new(clock.now());
         let service = Arc::new(Self {
             limits,
             stores,
@@ -156,6 +159,7 @@ impl Service {
             missing_files: scenes::MissingFiles::default(),
             counts: counts::Counts::default(),
             histories: history::Histories::default(),
+            log,
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
             naming: RwLock::default(),
@@ -268,6 +272,7 @@ impl Service {
                 if changes.is_empty() {
                     return Ok(reply);
                 }
+                let changes = cell.farm.with_successors(changes, now);
                 if now > last {
                     return Err(garbage::too_late());
                 }
@@ -312,6 +317,7 @@ impl Service {
         for change in changes {
             journal::note(&cell.farm, change);
             self.counts.note(change);
+            self.log.note(&cell.farm, change, now);
             if let Change::JobEnded { job, .. } = change
                 && let Some(job) = cell.farm.job(*job)
             {
@@ -335,7 +341,10 @@ impl Service {
                 let now = self.clock.now();
                 cell.doubt = Doubt::Torn;
                 self.histories.before(&cell.farm, &changes, now);
-                changes.iter().for_each(|change| cell.farm.evolve(change, now));
+                for change in &changes {
+                    self.log.note(&cell.farm, change, now);
+                    cell.farm.evolve(change, now);
+                }
                 self.histories.after(&cell.farm, &changes, now);
                 cell.sequence = sequence;
                 cell.doubt = Doubt::None;

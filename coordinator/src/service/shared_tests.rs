@@ -48,6 +48,8 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         schedule: Default::default(),
         layers: Vec::new(),
         name: String::new(),
+        labels: Default::default(),
+        after: None,
     };
     service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id
 }

@@ -106,6 +106,8 @@ impl World {
             schedule: Default::default(),
             layers: Vec::new(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let job = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;
         let register = Register {

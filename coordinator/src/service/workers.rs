@@ -131,9 +131,11 @@ impl Service {
                 expires_in_ms,
                 ends_in_ms: known.ms_left(now),
             },
-            // Workers need neither, and those of older builds may know other forms of them.
+            // Workers need none of these, and those of older builds may know other forms of them.
             spec: JobSpec {
                 name: String::new(),
+                labels: Default::default(),
+                after: None,
                 schedule: Schedule::default(),
                 ..known.spec()
             },

@@ -28,6 +28,8 @@ fn spec() -> JobSpec {
         schedule: Default::default(),
         layers: Vec::new(),
         name: String::new(),
+        labels: Default::default(),
+        after: None,
     }
 }
 

@@ -80,7 +80,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 45] = [
+const ROUTES: [(&str, &str, &[Role]); 46] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
@@ -89,6 +89,7 @@ const ROUTES: [(&str, &str, &[Role]); 45] = [
     ("GET", "/v1/jobs/{id}/image.raw", LOOKS),
     ("GET", "/v1/jobs/{id}/events", LOOKS),
     ("GET", "/v1/jobs/{id}/history", LOOKS),
+    ("GET", "/v1/jobs/{id}/log", LOOKS),
     ("GET", "/v1/events", LOOKS),
     ("GET", "/v1/session", LOOKS),
     ("POST", "/v1/session", LOOKS),

@@ -382,6 +382,8 @@ impl Farm {
             schedule: Default::default(),
             layers: Vec::new(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();
         assert_eq!(reply.status(), 201);

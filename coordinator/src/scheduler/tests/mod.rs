@@ -1,5 +1,6 @@
 //! Tests of the scheduler: random histories, and its rules one by one.
 
+mod after;
 mod chains;
 mod costs;
 mod histories;
@@ -27,6 +28,8 @@ fn spec(iterations: u32) -> JobSpec {
         schedule: Default::default(),
         layers: Vec::new(),
         name: String::new(),
+        labels: Default::default(),
+        after: None,
     }
 }
 

@@ -187,6 +187,8 @@ impl World {
             schedule,
             layers: Vec::new(),
             name: String::new(),
+            labels: Default::default(),
+            after: None,
         };
         let owner = if self.random.chance(50) { "ann" } else { "bob" };
         let decision = self.farm.submit(spec, owner.to_owned(), None, self.now);

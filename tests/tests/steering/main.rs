@@ -1,6 +1,9 @@
 //! Jobs that are paused, extended and stopped, and a worker that lies, on a farm of real processes: the pictures are
 //! those of one process that renders as many iterations.
 
+mod commands;
+mod pictures;
+
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::job::{JobState, JobStatus};
 use photonfarm_proto::schedule::StopReason;

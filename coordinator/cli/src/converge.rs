@@ -1,0 +1,278 @@
+//! `photonfarm converge`: the error of a picture against a reference, after more and more iterations.
+//!
+//! The job is asked for one iteration, then extended to 2, 4, 8, ...: each step keeps the iterations that are done, and its
+//! picture has the bits of a job with that number from the start. Between the steps nothing is rendered, so that looking costs
+//! no time that counts.
+
+use crate::args::{JobArgs, positive};
+use crate::client::Client;
+use crate::compare::{read, read_exr};
+use crate::job::PreparedJob;
+use crate::local::{self, LocalFarm};
+use crate::metrics::{EPSILON, Errors, Pixels};
+use crate::output::OutputFile;
+use crate::plot::{self, Chart};
+use crate::steer_args::duration;
+use crate::{Interrupted, kept, say, submit};
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use indicatif::HumanDuration;
+use photonfarm_proto::api::Extend;
+use photonfarm_worker::CoreScene;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  photonfarm render scene.xml -o reference.exr --integrator path --iterations 65536
+  photonfarm converge scene.xml --reference reference.exr --iterations 1024 -o pcf.csv --plot pcf.png
+      The error after 1, 2, 4, ... 1024 iterations, as a table and as curves.
+  photonfarm converge scene.xml --reference reference.exr --integrator pppm --probe 120,80 --probe 3,9
+      With the radiance of two pixels, to standard output.
+  photonfarm converge scene.xml --reference reference.exr --iterations 100000 --within 10m
+      As many as fit into ten minutes of rendering.
+
+Columns: iterations; seconds of rendering; mse, the mean of (a - b)^2 over pixels and channels; relmse,
+that of (a - b)^2 / (b^2 + epsilon), where b is the reference; red, green and blue of each probe. Seconds
+count no reading of the scene and no making of pictures. A reference by the same integrator and seed has
+the same noise: give it another seed.";
+
+#[derive(Debug, Args)]
+pub(crate) struct ConvergeArgs {
+    #[command(flatten)]
+    job: JobArgs,
+    /// Picture of the same view that errors are told against
+    #[arg(long, value_name = "REF.exr")]
+    reference: PathBuf,
+    /// Write the radiance of this pixel as well, counted from 0 at the top left (repeatable)
+    #[arg(long, value_name = "X,Y", value_parser = pixel)]
+    probe: Vec<[u32; 2]>,
+    /// Table to write [default: standard output]
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: Option<PathBuf>,
+    /// Picture of the curves to write, as PNG
+    #[arg(long, value_name = "OUT.png")]
+    plot: Option<PathBuf>,
+    /// What is added to the square of the reference in relMSE
+    #[arg(long, value_name = "E", default_value_t = EPSILON, value_parser = positive)]
+    epsilon: f64,
+    /// Begin no step once rendering has taken this time, such as 90s, 30m or 8h
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    within: Option<Duration>,
+    /// Threads to render with [default: one per processor]
+    #[arg(long, value_name = "T")]
+    threads: Option<NonZeroUsize>,
+}
+
+/// A pixel: column and row.
+fn pixel(text: &str) -> Result<[u32; 2], String> {
+    let numbers = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
+    match numbers {
+        Some((Ok(x), Ok(y))) => Ok([x, y]),
+        _ => Err("expected column and row of a pixel, such as 120,80".to_owned()),
+    }
+}
+
+/// The picture after a number of iterations.
+struct Row {
+    iterations: u32,
+    seconds: f64,
+    errors: Errors,
+    probes: Vec<[f32; 3]>,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: ConvergeArgs) -> Result<()> {
+    let output = args.output.as_deref().map(OutputFile::check).transpose()?;
+    let plot = args.plot.as_deref().map(OutputFile::check).transpose()?;
+    let reference = read(&args.reference)?.pixels;
+    let (job, scene) = PreparedJob::new(&args.job)?;
+    check_sizes(&args, &reference, scene.film.resolution)?;
+    let folder = kept::temporary()?;
+    let runtime = tokio::runtime::Runtime::new()?;
+    let mut rows = Vec::new();
+    let local = LocalFarm {
+        folder: folder.path(),
+        scene: Arc::new(CoreScene(scene)),
+        threads: local::threads(args.threads),
+    };
+    let ended = runtime.block_on(async {
+        let work = async |client: &Client| {
+            tokio::select! {
+                ended = measure(client, job, &args, &reference, &mut rows) => ended,
+                signal = tokio::signal::ctrl_c() => signal.map_err(Into::into).and(Err(Interrupted.into())),
+            }
+        };
+        local.run(work, |()| true).await
+    });
+    runtime.shutdown_background();
+    let interrupted = ended.as_ref().is_err_and(|error| error.is::<Interrupted>());
+    if interrupted && rows.is_empty() {
+        return ended;
+    }
+    if !interrupted {
+        ended?;
+    }
+    let table = table(&args.probe, &rows);
+    match output {
+        Some(file) => file.write(table.as_bytes())?,
+        None => say::line(table.trim_end())?,
+    }
+    if let Some(file) = plot {
+        file.write(&plot::png(&charts(&args, &rows))?)?;
+    }
+    match interrupted {
+        true => Err(Interrupted.into()),
+        false => Ok(()),
+    }
+}
+
+fn check_sizes(args: &ConvergeArgs, reference: &Pixels, resolution: [u32; 2]) -> Result<()> {
+    let (name, [width, height]) = (args.reference.display(), resolution);
+    ensure!(
+        [reference.width, reference.height] == resolution,
+        "{name} has {} by {} pixels and pictures of the scene {width} by {height}: render the reference from the same scene, \
+         with the same -D",
+        reference.width,
+        reference.height
+    );
+    for [x, y] in &args.probe {
+        ensure!(
+            *x < width && *y < height,
+            "--probe {x},{y} lies outside the picture: columns are 0 to {}, rows 0 to {}",
+            width - 1,
+            height - 1
+        );
+    }
+    Ok(())
+}
+
+/// 1, 2, 4, ... and at last `all`.
+fn steps(all: u32) -> impl Iterator<Item = u32> {
+    let powers = (0..u32::BITS).map(|level| 1 << level);
+    powers.take_while(move |power| *power < all).chain([all])
+}
+
+/// Renders step by step.
+async fn measure(
+    client: &Client,
+    mut job: PreparedJob,
+    args: &ConvergeArgs,
+    reference: &Pixels,
+    rows: &mut Vec<Row>,
+) -> Result<()> {
+    let all = job.spec.iterations;
+    let mut seconds = 0.0;
+    for iterations in steps(all) {
+        if args.within.is_some_and(|most| seconds >= most.as_secs_f64()) {
+            say::tell(format_args!("the time is up before {iterations} iterations"));
+            break;
+        }
+        let started = Instant::now();
+        let asked = match rows.is_empty() {
+            true => {
+                job.spec.iterations = iterations;
+                submit::send(client, &job).await?
+            }
+            false => {
+                let known = client.jobs(1, |_| true).await?.pop().context("the job is gone")?;
+                client.post_job(known.id, "extend", &Extend { iterations }).await?
+            }
+        };
+        let status = client.follow(asked.id, |_| Ok(())).await?;
+        seconds += started.elapsed().as_secs_f64();
+        let status = submit::ended_well(status)?;
+        let picture = read_exr(&client.image(status.id, "exr").await?)?.pixels;
+        if (picture.width, picture.height) != (reference.width, reference.height) {
+            bail!("the picture has another size than the reference");
+        }
+        picture.check("the picture")?;
+        let errors = picture.errors(reference, args.epsilon);
+        let at = |[x, y]: &[u32; 2]| picture.values[(y * picture.width + x) as usize].to_rgb();
+        let time = HumanDuration(Duration::from_secs_f64(seconds));
+        let (mse, relmse) = (errors.mse, errors.relmse);
+        say::tell(format_args!(
+            "{iterations}/{all} iterations, {time}, MSE {mse:.3e}, relMSE {relmse:.3e}"
+        ));
+        rows.push(Row {
+            iterations,
+            seconds,
+            errors,
+            probes: args.probe.iter().map(at).collect(),
+        });
+    }
+    Ok(())
+}
+
+/// The rows as CSV (RFC 4180, with LF).
+fn table(probes: &[[u32; 2]], rows: &[Row]) -> String {
+    let mut text = "iterations,seconds,mse,relmse".to_owned();
+    for [x, y] in probes {
+        for channel in ["red", "green", "blue"] {
+            text += &format!(",{channel}_{x}_{y}");
+        }
+    }
+    text.push('\n');
+    for row in rows {
+        let Errors { mse, relmse } = row.errors;
+        text += &format!("{},{:.6},{mse:e},{relmse:e}", row.iterations, row.seconds);
+        row.probes
+            .iter()
+            .flatten()
+            .for_each(|value| text += &format!(",{value:e}"));
+        text.push('\n');
+    }
+    text
+}
+
+fn charts(args: &ConvergeArgs, rows: &[Row]) -> [Chart; 2] {
+    let scene = args.job.scene.file_name().unwrap_or_default().to_string_lossy();
+    let chart = |x: &'static str, at: fn(&Row) -> f64| Chart {
+        title: format!("{scene} against {x}"),
+        x,
+        curves: vec![
+            ("relMSE", rows.iter().map(|row| (at(row), row.errors.relmse)).collect()),
+            ("MSE", rows.iter().map(|row| (at(row), row.errors.mse)).collect()),
+        ],
+    };
+    [
+        chart("iterations", |row| f64::from(row.iterations)),
+        chart("seconds", |row| row.seconds),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_double_and_end_with_all() {
+        assert_eq!(steps(1).collect::<Vec<_>>(), [1]);
+        assert_eq!(steps(8).collect::<Vec<_>>(), [1, 2, 4, 8]);
+        assert_eq!(steps(9).collect::<Vec<_>>(), [1, 2, 4, 8, 9]);
+    }
+
+    #[test]
+    fn pixels_are_read_as_column_and_row() {
+        assert_eq!(pixel("120, 80"), Ok([120, 80]));
+        for bad in ["", "1", "1,", "1,-2", "a,b"] {
+            assert!(pixel(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn rows_become_lines() {
+        let row = Row {
+            iterations: 2,
+            seconds: 0.5,
+            errors: Errors { mse: 0.25, relmse: 2.0 },
+            probes: vec![[1.0, 0.5, 0.0]],
+        };
+        assert_eq!(
+            table(&[[3, 4]], &[row]),
+            "iterations,seconds,mse,relmse,red_3_4,green_3_4,blue_3_4\n2,0.500000,2.5e-1,2e0,1e0,5e-1,0e0\n"
+        );
+    }
+}

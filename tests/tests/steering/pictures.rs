@@ -1,0 +1,110 @@
+//! Pictures that are gone on with, compared, and watched as they converge.
+
+use crate::scene;
+use photonfarm_tests::processes::{Process, photonfarm, printed};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn a_render_that_was_killed_goes_on_by_the_same_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, output) = (scene("constant.xml"), folder.path().join("a.exr"));
+    let kept = folder.path().join("a.partial.farm");
+    let render = [
+        "render",
+        text(&scene),
+        "-o",
+        text(&output),
+        "--threads",
+        "1",
+        "--iterations",
+    ];
+    let endless = [&render[..], &["1000000"]].concat();
+    let first = Process::start("photonfarm", &endless);
+    first.wait_for_error("rays/s");
+    first.kill();
+    assert!(kept.is_dir() && !output.exists());
+    let second = Process::start("photonfarm", &endless);
+    second.wait_for_error("going on after ");
+    second.wait_for_error("rays/s");
+    let errors = second.kill();
+    assert!(!errors.contains("going on after 0 of"), "{errors}");
+    let another = photonfarm(&[&render[..], &["3"]].concat());
+    let errors = String::from_utf8_lossy(&another.stderr);
+    assert!(another.status.success(), "{errors}");
+    assert!(errors.contains("another picture, which is left out"), "{errors}");
+    assert!(output.exists() && !kept.exists());
+    let alone = folder.path().join("alone.exr");
+    let again = ["render", text(&scene), "-o", text(&alone), "--iterations", "3"];
+    printed(&photonfarm(&again));
+    assert!(fs::read(output).unwrap() == fs::read(alone).unwrap());
+}
+
+#[test]
+fn the_error_falls_and_is_that_of_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = scene("environment.xml");
+    let settings = ["--integrator", "path", "--set", "samples=1", "-D", "res=16"];
+    let (reference, picture) = (at("reference.exr"), at("picture.exr"));
+    for (path, options) in [
+        (&reference, ["--iterations", "256", "--seed", "9"]),
+        (&picture, ["--iterations", "6", "--seed", "0"]),
+    ] {
+        let render = ["render", text(&scene), "-o", text(path)];
+        printed(&photonfarm(&[&render[..], &settings, &options].concat()));
+    }
+    let (table, plot) = (at("table.csv"), at("plot.png"));
+    let converge = [
+        "converge",
+        text(&scene),
+        "--reference",
+        text(&reference),
+        "--iterations",
+        "6",
+    ];
+    let files = ["--probe", "3,5", "-o", text(&table), "--plot", text(&plot)];
+    printed(&photonfarm(&[&converge[..], &settings, &files].concat()));
+    let rows = fs::read_to_string(&table).unwrap();
+    let rows: Vec<Vec<&str>> = rows.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(
+        rows[0],
+        [
+            "iterations",
+            "seconds",
+            "mse",
+            "relmse",
+            "red_3_5",
+            "green_3_5",
+            "blue_3_5"
+        ]
+    );
+    let iterations: Vec<&str> = rows[1..].iter().map(|row| row[0]).collect();
+    assert_eq!(iterations, ["1", "2", "4", "6"]);
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    assert!(number(rows[4][2]) < number(rows[1][2]), "{rows:?}");
+    assert!(fs::read(&plot).unwrap().starts_with(b"\x89PNG"));
+
+    let difference = at("difference.png");
+    let compare = ["compare", text(&picture), text(&reference), "--json", "--difference"];
+    let compared = printed(&photonfarm(&[&compare[..], &[text(&difference)]].concat()));
+    let compared: Value = serde_json::from_str(&compared).unwrap();
+    assert_eq!(compared["mse"].as_f64(), Some(number(rows[4][2])));
+    assert_eq!(compared["relmse"].as_f64(), Some(number(rows[4][3])));
+    assert!(compared["ssim"].as_f64().unwrap() > 0.1 && difference.exists());
+    let png = |path: &Path| text(&path.with_extension("png")).to_owned();
+    let same = printed(&photonfarm(&["compare", &png(&picture), &png(&picture)]));
+    assert!(same.contains("SSIM    1.000000"), "{same}");
+
+    let small = photonfarm(&[&converge[..], &["-D", "res=8"]].concat());
+    let errors = String::from_utf8_lossy(&small.stderr);
+    assert!(
+        errors.contains("16 by 16 pixels and pictures of the scene 8 by 8"),
+        "{errors}"
+    );
+}
