@@ -95,7 +95,7 @@ pub(crate) fn run(args: ConvergeArgs) -> Result<()> {
     let mut rows = Vec::new();
     let local = LocalFarm {
         folder: folder.path(),
-        scene: Arc::new(CoreScene(scene)),
+        scene: Arc::new(CoreScene { scene, layers }),
         threads: local::threads(args.threads),
     };
     let ended = runtime.block_on(async {

@@ -25,6 +25,8 @@ Examples:
       Gives values to the scene's <default> parameters.
   photonfarm render scene.xml -o again.exr --from image.exr
       Repeats a picture, bit for bit, with the settings that it names.
+  photonfarm render scene.xml -o image.exr --layer albedo --layer 'caustic=L S+ D E' --layer lamp:key
+      Layers for a compositor in the same file: what is seen first, caustics, the light of a lamp.
   photonfarm render scene.xml --sensor floor -o lux.csv
       Writes what a meter measures as a table: of a grid on a rectangle a line for each place.
   photonfarm render scene.xml -o image.exr
