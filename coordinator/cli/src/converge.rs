@@ -90,6 +90,7 @@ pub(crate) fn run(args: ConvergeArgs) -> Result<()> {
     let reference = read(&args.reference)?.pixels;
     let (job, scene) = PreparedJob::new(&args.job)?;
     check_sizes(&args, &reference, scene.film.resolution)?;
+    let layers = job.spec.layers()?;
     let folder = kept::temporary()?;
     let runtime = tokio::runtime::Runtime::new()?;
     let mut rows = Vec::new();
