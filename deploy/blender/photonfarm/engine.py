@@ -123,4 +123,9 @@ def show(result, passes, size):
         layer, _ = passes[held.name]
         if layer.shape[1::-1] != size:
             raise rendering.RenderFailed(f"The picture has {layer.shape[1]} x {layer.shape[0]} pixels, and the scene asks for {size[0]} x {size[1]}")
-        held.rect.foreach_set(layer[::-1].reshape(-1, layer.shape[2]).ravel() if held.channels > 1 else layer[::-1].ravel())
+        pixels = layer[::-1].reshape(-1, layer.shape[2])
+        try:
+            held.rect.foreach_set(pixels.ravel())
+        except TypeError:
+            # Older versions of Blender take a list for each pixel, slowly.
+            held.rect = pixels.tolist()
