@@ -34,6 +34,7 @@ pub struct JobSpec {
     #[schema(value_type = IntegratorSchema)]
     pub integrator: IntegratorRequest,
     /// Number of iterations to average.
+    #[schema(minimum = 1)]
     pub iterations: u32,
     /// Seed of the random numbers.
     #[serde(default)]

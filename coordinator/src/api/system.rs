@@ -7,8 +7,9 @@ use axum::extract::State;
 use photonfarm_proto::api::{Health, WorkerList};
 use photonfarm_proto::problem::{ErrorCode, PROBLEM_MEDIA_TYPE, Problem};
 use utoipa::openapi::path::Operation;
+use utoipa::openapi::schema::{KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{ContentBuilder, Ref, Response, ResponseBuilder};
+use utoipa::openapi::{ContentBuilder, Ref, RefOr, Response, ResponseBuilder};
 use utoipa::{Modify, OpenApi};
 
 /// The workers heard of lately.
@@ -115,13 +116,46 @@ impl Modify for EveryOperation {
             operations
                 .into_iter()
                 .flatten()
-                .for_each(|operation| complete(operation, open));
+                .for_each(|operation| complete(operation, path, open));
         }
     }
 }
 
-fn complete(operation: &mut Operation, open: bool) {
+/// The media type of files of scenes.
+const BYTES: &str = "application/octet-stream";
+
+/// The schema of content that none is written for: makers of clients take what is neither JSON nor text for a file.
+fn schema_of(media_type: &str) -> RefOr<Schema> {
+    let schema = ObjectBuilder::new();
+    let schema = match media_type {
+        "application/json" => schema,
+        text if text.starts_with("text/") => schema.schema_type(Type::String),
+        _ => schema
+            .schema_type(Type::String)
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary))),
+    };
+    schema.into()
+}
+
+fn complete(operation: &mut Operation, path: &str, open: bool) {
+    // `/v1/jobs/{id}` is one of the operations on `jobs`; blobs are the files of bundles.
+    let group = match path.split('/').nth(2).unwrap_or_default() {
+        "blobs" => "bundles",
+        group => group.trim_end_matches(".json"),
+    };
+    operation.tags = Some(vec![group.to_owned()]);
     let responses = &mut operation.responses.responses;
+    for response in responses.values_mut() {
+        if let RefOr::T(response) = response {
+            for (media_type, content) in &mut response.content {
+                content.schema.get_or_insert_with(|| schema_of(media_type));
+            }
+        }
+    }
+    if let Some(body) = &mut operation.request_body {
+        let files = body.content.iter_mut().filter(|(media_type, _)| *media_type == BYTES);
+        files.for_each(|(media_type, content)| content.schema = Some(schema_of(media_type)));
+    }
     let refused = problem("the request was refused; the problem says why").into();
     responses.insert("4XX".into(), refused);
     responses.insert("5XX".into(), problem("the coordinator failed, or is stopping").into());
