@@ -13,15 +13,21 @@ const HEAD: &str = "# Configuration\n\n\
     `RUST_LOG` chooses what the log tells.\n";
 
 /// Programs and subcommands.
-const COMMANDS: [(&str, &[&str]); 10] = [
+const COMMANDS: [(&str, &[&str]); 16] = [
     ("photonfarm", &["serve"]),
     ("photonfarm-worker", &[]),
     ("photonfarm", &["submit"]),
+    ("photonfarm", &["jobs"]),
+    ("photonfarm", &["watch"]),
     ("photonfarm", &["wait"]),
+    ("photonfarm", &["logs"]),
+    ("photonfarm", &["doctor"]),
     ("photonfarm", &["delete"]),
     ("photonfarm", &["resubmit"]),
     ("photonfarm", &["render"]),
     ("photonfarm", &["check"]),
+    ("photonfarm", &["compare"]),
+    ("photonfarm", &["converge"]),
     ("photonfarm", &["token", "create"]),
     ("photonfarm", &["backup"]),
 ];

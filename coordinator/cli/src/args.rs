@@ -9,7 +9,8 @@ use crate::help;
 use crate::input::SceneFormat;
 use crate::logs::{self, LogsArgs};
 use crate::steer_args::{
-    DeleteArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs, duration,
+    DeleteArgs, DrainArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs,
+    duration,
 };
 use crate::token_args::TokenArgs;
 use crate::watch::{self, WatchArgs};
@@ -91,6 +92,11 @@ pub(crate) enum Command {
     /// Submit what a job asks for again, as a new job, and cancel the old one if it goes on: for one that failed, was
     /// cancelled, or is bound to a renderer that no worker has any more. Its deadline is left out
     Resubmit(JobArg),
+    /// Give iterations of a job that were given up new attempts; a job that failed goes on then
+    Retry(JobArg),
+    /// Give a worker no new work: what it holds it finishes, and that counts
+    #[command(after_help = help::DRAIN)]
+    Drain(DrainArgs),
     /// Ask for more iterations of a job, which may be done already
     Extend(ExtendArgs),
     /// Set the priority of a job
@@ -409,6 +415,8 @@ mod tests {
             "photonfarm compare a.exr b.exr --difference d.png --epsilon 0.1 --json",
             "photonfarm converge s.xml --reference r.exr --probe 1,2 --probe 3,4 -o a.csv --plot a.png --within 9s",
             "photonfarm watch 3 --json --coordinator http://localhost:1",
+            "photonfarm retry 3 --coordinator http://localhost:1",
+            "photonfarm drain 3 --undo --json --coordinator http://localhost:1",
             "photonfarm extend 3 100 --coordinator http://localhost:1",
             "photonfarm priority 3 20 --coordinator http://localhost:1",
             "photonfarm workers --coordinator http://localhost:1",

@@ -154,3 +154,11 @@ Examples:
       Who has nothing to do.
   photonfarm workers quarantine 3 --reason 'bad memory'
   photonfarm workers release 3";
+
+pub(crate) const DRAIN: &str = "\
+Examples:
+  photonfarm drain 3
+      Worker 3 finishes what it holds and gets no more: its machine can be switched off then.
+  photonfarm workers
+      Whether it still holds something.
+  photonfarm drain 3 --undo";

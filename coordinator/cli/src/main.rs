@@ -71,6 +71,10 @@ fn main() -> ExitCode {
     let command = Cli::parse().command;
     match &command {
         Command::Serve(args) => log::start("info", args.log_format),
+        // A render that stops early drops what was begun beyond its end: that is as it should be.
+        Command::Render(args) if args.noise_target.is_some() || args.within.is_some() => {
+            log::start("warn,photonfarm_worker::outbox=error", LogFormat::Text);
+        }
         _ => log::start("warn", LogFormat::Text),
     }
     let result = match command {
@@ -93,6 +97,8 @@ fn main() -> ExitCode {
         Command::Cancel(args) => steer::act(args, "cancel"),
         Command::Delete(args) => steer::delete(args),
         Command::Resubmit(args) => steer::resubmit(args),
+        Command::Retry(args) => steer::act(args, "retry"),
+        Command::Drain(args) => steer::drain(args),
         Command::Extend(args) => steer::extend(args),
         Command::Priority(args) => steer::priority(args),
         Command::Workers(args) => steer::workers(args),

@@ -1,9 +1,11 @@
-//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `delete`, `resubmit`, `extend`, `priority`, `workers`: looks at a farm and steers it.
+//! `photonfarm jobs`, `pause`, `resume`, `cancel`, `delete`, `resubmit`, `retry`, `extend`, `priority`, `workers`, `drain`: looks at a farm and steers it.
 
 use crate::client::Client;
 use crate::farm_args::CredentialArgs;
 use crate::say;
-use crate::steer_args::{DeleteArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand};
+use crate::steer_args::{
+    DeleteArgs, DrainArgs, ExtendArgs, JobArg, JobsArgs, PriorityArgs, WorkersArgs, WorkersCommand,
+};
 use crate::table;
 use anyhow::{Context, Result, ensure};
 use photonfarm_proto::api::{Extend, Quarantine, SetPriority};
@@ -107,6 +109,19 @@ pub(crate) fn delete(args: DeleteArgs) -> Result<()> {
         }
         ensure!(failed == 0, "{failed} of {} jobs are not deleted", args.jobs.len());
         Ok(())
+    })
+}
+
+/// Gives a worker no new work, or work again.
+pub(crate) fn drain(args: DrainArgs) -> Result<()> {
+    block_on(async {
+        let client = connect(&args.farm.coordinator, &args.farm.credentials).await?;
+        let action = if args.undo { "resume" } else { "drain" };
+        let worker = client.post_worker(args.worker, action, &serde_json::json!({})).await?;
+        match args.json {
+            true => say::json(&worker),
+            false => say::line(table::workers(&[worker])),
+        }
     })
 }
 

@@ -103,6 +103,21 @@ pub(crate) struct JobArg {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct DrainArgs {
+    /// Number of the worker
+    #[arg(value_name = "WORKER")]
+    pub(crate) worker: WorkerId,
+    /// Give it work again
+    #[arg(long)]
+    pub(crate) undo: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) farm: FarmArgs,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct DeleteArgs {
     /// Numbers of the jobs
     #[arg(value_name = "JOB", required = true)]

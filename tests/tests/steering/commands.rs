@@ -26,7 +26,9 @@ fn errors(output: &Output) -> String {
 }
 
 fn job(coordinator: &Coordinator, id: u64) -> JobStatus {
-    get(&format!("{}/v1/jobs/{id}", coordinator.url)).unwrap()
+    let url = format!("{}/v1/jobs/{id}", coordinator.url);
+    // A connection to a coordinator that was killed is of no use any more.
+    wait_for("a job", || get(&url))
 }
 
 #[test]
