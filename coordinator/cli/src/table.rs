@@ -98,6 +98,8 @@ pub(crate) fn workers(workers: &[WorkerStatus]) -> String {
     let rows = workers.iter().map(|worker| {
         let state = match (&worker.quarantine, worker.leases) {
             (Some(_), _) => "quarantine",
+            (None, 0) if worker.drained => "drained",
+            (None, _) if worker.drained => "draining",
             (None, 0) => "idle",
             (None, _) => "working",
         };
