@@ -246,7 +246,7 @@ async fn requests_have_names() {
         let reply = farm.http.get(&url).header("x-request-id", name).send().await.unwrap();
         expect_problem(reply, ErrorCode::NotFound).await.request_id.unwrap()
     };
-    assert_eq!(ask("proxy-7").await, "proxy-7");
+    assert_eq!(&*ask("proxy-7").await, "proxy-7");
     let (first, second) = (ask("a b").await, ask("a b").await);
     assert_eq!((first.len(), second.len()), (16, 16));
     assert_ne!(first, second);
