@@ -150,8 +150,8 @@ fn direct_light_is_what_paths_of_two_edges_bring() {
     }
 }
 
-/// What each method finds of a set of paths is the same on average: here the light that a ball of glass throws on the wall, and what is
-/// seen in the ball. Blocks of pixels are held against path tracing.
+/// What each method finds of a set of paths is the same on average as what path tracing finds: here the light that a ball of glass throws
+/// on the wall, and what is seen in the ball.
 #[test]
 fn integrators_agree_on_what_comes_along_which_paths() {
     let lamp = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.8"/><rotate x="1" angle="135"/>
