@@ -35,8 +35,7 @@ pub(crate) struct Closed {
 
 impl Closed {
     pub(crate) async fn start() -> Self {
-        // Every route is asked by everybody at once, which is more than one stranger may ask.
-        let farm = Farm::start_with(|config| config.rate = 100_000).await;
+        let farm = Farm::start().await;
         let reply = farm
             .post_json("tokens", &json!({"name": "boss", "role": "admin"}))
             .await;
@@ -141,14 +140,21 @@ fn every_route_of_the_router_is_tried() {
     assert_eq!(served, tried);
 }
 
+/// A farm for some of the routes each: a visitor may not ask for all of them at once.
 #[tokio::test]
 async fn every_route_asks_for_its_role() {
+    for routes in ROUTES.chunks(ROUTES.len() / 2) {
+        ask_for_roles(routes).await;
+    }
+}
+
+async fn ask_for_roles(routes: &[(&str, &str, &[Role])]) {
     let closed = Closed::start().await;
     let mut tokens = vec![(Role::Admin, closed.admin.clone())];
     for role in [Role::Read, Role::Submit, Role::Worker] {
         tokens.push((role, closed.token(&request(&role.to_string(), role)).await));
     }
-    for (method, path, roles) in ROUTES {
+    for (method, path, roles) in routes {
         let method: Method = method.parse().unwrap();
         let path = path
             .replace("{id}", "99")
