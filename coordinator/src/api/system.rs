@@ -124,17 +124,19 @@ impl Modify for EveryOperation {
 /// The media type of files of scenes.
 const BYTES: &str = "application/octet-stream";
 
-/// The schema of content that none is written for: makers of clients take what is neither JSON nor text for a file.
-fn schema_of(media_type: &str) -> RefOr<Schema> {
+/// The schema of content that none is written for: makers of clients take what is neither JSON nor text for a file. A stream of events
+/// is no text, and has none.
+fn schema_of(media_type: &str) -> Option<RefOr<Schema>> {
     let schema = ObjectBuilder::new();
     let schema = match media_type {
+        "text/event-stream" => return None,
         "application/json" => schema,
         text if text.starts_with("text/") => schema.schema_type(Type::String),
         _ => schema
             .schema_type(Type::String)
             .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary))),
     };
-    schema.into()
+    Some(schema.into())
 }
 
 fn complete(operation: &mut Operation, path: &str, open: bool) {
@@ -148,13 +150,13 @@ fn complete(operation: &mut Operation, path: &str, open: bool) {
     for response in responses.values_mut() {
         if let RefOr::T(response) = response {
             for (media_type, content) in &mut response.content {
-                content.schema.get_or_insert_with(|| schema_of(media_type));
+                content.schema = content.schema.take().or_else(|| schema_of(media_type));
             }
         }
     }
     if let Some(body) = &mut operation.request_body {
         let files = body.content.iter_mut().filter(|(media_type, _)| *media_type == BYTES);
-        files.for_each(|(media_type, content)| content.schema = Some(schema_of(media_type)));
+        files.for_each(|(media_type, content)| content.schema = schema_of(media_type));
     }
     let refused = problem("the request was refused; the problem says why").into();
     responses.insert("4XX".into(), refused);
