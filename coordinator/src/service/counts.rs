@@ -24,7 +24,7 @@ pub(crate) struct Counts {
     jobs_ended: [AtomicU64; 3],
     leases: Mutex<Leases>,
     /// By kind, in the order of [`KINDS`].
-    failed_attempts: [AtomicU64; 4],
+    failed_attempts: [AtomicU64; 5],
 }
 
 /// Leases that this coordinator granted and that have not ended, with the durations of those that have.
@@ -76,11 +76,12 @@ const ENDS: [(JobState, &str); 3] = [
 ];
 
 /// The kinds of failed attempts, and their names in figures.
-const KINDS: [(FailureKind, &str); 4] = [
+const KINDS: [(FailureKind, &str); 5] = [
     (FailureKind::Scene, "scene"),
     (FailureKind::Render, "render"),
     (FailureKind::Panic, "panic"),
     (FailureKind::Lost, "lost"),
+    (FailureKind::OutOfMemory, "out-of-memory"),
 ];
 
 impl Counts {
@@ -158,7 +159,7 @@ impl Counts {
     }
 
     /// Attempts at iterations that failed, by the name of their kind.
-    pub(crate) fn failed_attempts(&self) -> [(&'static str, u64); 4] {
+    pub(crate) fn failed_attempts(&self) -> [(&'static str, u64); 5] {
         std::array::from_fn(|kind| (KINDS[kind].1, self.failed_attempts[kind].load(Ordering::Relaxed)))
     }
 }

@@ -4,7 +4,9 @@ mod after;
 mod chains;
 mod costs;
 mod histories;
+mod memory;
 mod principals;
+mod rest;
 mod rules;
 mod steering;
 mod verification;
@@ -39,6 +41,7 @@ fn introduction() -> Register {
         threads: 1,
         renderer: "1+a".into(),
         tags: Default::default(),
+        memory_mb: None,
     }
 }
 
@@ -82,6 +85,7 @@ fn delivery(lease: &LeaseRecord, node: NodeKey) -> Delivery {
             seconds,
             ..Totals::default()
         },
+        memory_mb: None,
     }
 }
 
