@@ -3,6 +3,7 @@
 use crate::id::{BlobHash, JobId, WorkerId};
 use crate::job::JobStatus;
 use crate::limits::Limits;
+use crate::rest::Resting;
 use crate::token::Role;
 use crate::waiting::Waiting;
 use serde::{Deserialize, Serialize};
@@ -66,6 +67,9 @@ pub struct WorkerStatus {
     /// What it has: jobs may ask for it.
     #[serde(default)]
     pub tags: BTreeSet<String>,
+    /// Memory that jobs may take of it, if it is known [MiB].
+    #[serde(default)]
+    pub memory_mb: Option<u32>,
     /// Name of the token that it registered with; empty without tokens.
     #[serde(default)]
     pub token: String,
@@ -84,6 +88,9 @@ pub struct WorkerStatus {
     /// Whether it is drained: it finishes what it holds and gets no more.
     #[serde(default)]
     pub drained: bool,
+    /// Set while it takes no work of its own accord.
+    #[serde(default)]
+    pub rest: Option<Resting>,
     /// Time since it was last heard of [ms].
     pub silent_ms: u64,
     /// Leases it holds.

@@ -174,7 +174,7 @@ impl JobState {
 
 /// Why work could not be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum FailureKind {
     /// The scene or a setting is at fault: no iteration can be rendered. Ends the job at once.
     Scene,
@@ -184,6 +184,8 @@ pub enum FailureKind {
     Panic,
     /// The worker was lost while rendering.
     Lost,
+    /// The worker's process was killed while rendering, since memory had run out.
+    OutOfMemory,
 }
 
 /// An iteration that was given up, and why.
@@ -397,6 +399,9 @@ pub struct JobStatus {
     /// Iterations in the image that another worker is to repeat before they are believed.
     #[serde(default)]
     pub iterations_in_doubt: u64,
+    /// Most memory that a worker's process was measured to hold while it worked on the job [MiB].
+    #[serde(default)]
+    pub memory_mb: Option<u32>,
     /// Name of the renderer that the job is bound to since its first lease.
     #[serde(default)]
     pub renderer: Option<String>,

@@ -1,6 +1,7 @@
 //! When and where a job is worked on, and when it stops. Nothing here changes a bit of any iteration.
 
 use crate::limits::LimitError;
+use crate::memory::check_memory;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -34,6 +35,9 @@ pub struct Schedule {
     pub noise_target: Option<f64>,
     /// Tags that a worker must have.
     pub tags: BTreeSet<String>,
+    /// Memory that a worker must have [MiB], until the job's own was measured.
+    #[schema(minimum = 1, maximum = 16_777_216)]
+    pub memory_mb: Option<u32>,
 }
 
 impl Default for Schedule {
@@ -44,6 +48,7 @@ impl Default for Schedule {
             deadline_ms: None,
             noise_target: None,
             tags: BTreeSet::new(),
+            memory_mb: None,
         }
     }
 }
@@ -63,6 +68,9 @@ impl Schedule {
         {
             let reason = format!("{target} is no noise: it takes a positive number such as 0.01");
             return Err(LimitError::invalid("schedule.noise_target", reason));
+        }
+        if let Some(memory_mb) = self.memory_mb {
+            check_memory(memory_mb, "schedule.memory_mb")?;
         }
         check_tags(&self.tags, "schedule.tags")
     }
@@ -153,6 +161,7 @@ mod tests {
         for target in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(refused(|s| s.noise_target = Some(target)).contains("schedule.noise_target"));
         }
+        assert!(refused(|s| s.memory_mb = Some(0)).contains("schedule.memory_mb"));
         for tag in ["", "a b", "ü", &"x".repeat(65)] {
             assert!(refused(|s| _ = s.tags.insert(tag.into())).contains("schedule.tags"));
         }

@@ -24,8 +24,12 @@ pub enum Waiting {
     Tags,
     /// No connected worker has the renderer that the job is bound to.
     Renderer,
+    /// No connected worker that could do it otherwise has the memory that the job needs.
+    Memory,
     /// Every worker that could do it is in quarantine or drained.
     Quarantine,
+    /// Every worker that could do it rests, or is in quarantine or drained.
+    Resting,
     /// Workers disagree about a node, and another one has to decide.
     Dispute,
     /// A node waits for another worker to confirm it.
@@ -40,7 +44,7 @@ pub enum Waiting {
 
 impl Waiting {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::Paused,
         Self::After,
         Self::DiskFull,
@@ -49,7 +53,9 @@ impl Waiting {
         Self::NoWorker,
         Self::Tags,
         Self::Renderer,
+        Self::Memory,
         Self::Quarantine,
+        Self::Resting,
         Self::Dispute,
         Self::Doubt,
         Self::Rest,

@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | `POST /v1/worker/register` | [`Register`] | [`Registered`] |
 //! | `POST /v1/worker/lease` | [`LeaseRequest`] | [`LeaseReply`] |
+//! | `POST /v1/worker/rest` | [`Rest`] | [`Acknowledged`] |
 //! | `POST /v1/worker/heartbeat` | [`Heartbeat`] | [`HeartbeatReply`] |
 //! | `POST /v1/worker/nodes` | [`NodeUpload`] (see [`frame_upload`]), then the planes | [`NodeReply`] |
 //! | `POST /v1/worker/nodes/place` | [`NodeUpload`] | [`NodePlace`] |
@@ -21,8 +22,10 @@
 use crate::codec::{self, CodecError, Message};
 use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use crate::job::{FailureKind, JobSpec, Totals};
+use crate::memory::Shortage;
 use crate::node::{NodeHeader, NodeKey};
 use crate::planes;
+use crate::rest::Rest;
 use photonfarm_core::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -47,6 +50,8 @@ pub struct Register {
     pub renderer: String,
     /// What it has: jobs may ask for it.
     pub tags: BTreeSet<String>,
+    /// Memory that jobs may take of it, if it is known [MiB].
+    pub memory_mb: Option<u32>,
 }
 
 /// The worker's name, and the rhythm expected of it.
@@ -155,6 +160,8 @@ pub struct NodeUpload {
     pub digest: BlobHash,
     /// What it took.
     pub totals: Totals,
+    /// Most memory that the worker's process held while it worked on the lease, if that can be told [MiB].
+    pub memory_mb: Option<u32>,
 }
 
 impl NodeUpload {
@@ -255,6 +262,8 @@ pub struct FailureReport {
     pub kind: FailureKind,
     /// In words, at most [`TEXT_BYTES`] bytes.
     pub message: String,
+    /// Of [`FailureKind::OutOfMemory`]: what the worker's process had.
+    pub shortage: Option<Shortage>,
 }
 
 /// Gives a lease back, without blame. What was delivered counts.
@@ -303,6 +312,7 @@ kinds! {
     NodePlace = 13,
     StatisticsRequest = 14,
     SceneReport = 15,
+    Rest = 20,
 }
 
 /// Most bytes of a framed [`NodeUpload`].
@@ -426,6 +436,7 @@ mod tests {
                 bandwidth: Some(crate::job::BandwidthRange::one(0.5, Some(0.1))),
                 ..Totals::default()
             },
+            memory_mb: Some(crate::memory::MOST_MEMORY_MB),
         };
         let bytes = frame_upload(&upload).unwrap();
         let length = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) as usize;

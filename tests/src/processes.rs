@@ -95,6 +95,7 @@ impl Launch {
             .env_remove("PHOTONFARM_TOKEN")
             .env_remove("PHOTONFARM_TOKEN_FILE")
             .env_remove("PHOTONFARM_CA")
+            .env_remove("PHOTONFARM_HOURS")
             .envs(self.environment.iter().map(|(name, value)| (name, value)));
         command
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 
 /// Share of the time that an iteration may take; the rest is for the delivery of what is done.
-const RENDERING: f64 = 0.75;
+pub(crate) const RENDERING: f64 = 0.75;
 /// How long a worker drains without a word.
 const QUIET: Duration = Duration::from_secs(1);
 

@@ -39,6 +39,11 @@ impl LeaseState {
         self.leaves_done.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Leaves rendered.
+    pub(crate) fn leaves_done(&self) -> u32 {
+        self.leaves_done.load(Ordering::Relaxed)
+    }
+
     /// Whether the coordinator has taken the lease back: its work is void.
     pub(crate) fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
@@ -76,7 +81,7 @@ impl Held {
     pub(crate) fn progress(&self) -> Vec<LeaseProgress> {
         let progress = |(token, state): (&LeaseToken, &Arc<LeaseState>)| LeaseProgress {
             token: *token,
-            leaves_done: state.leaves_done.load(Ordering::Relaxed),
+            leaves_done: state.leaves_done(),
         };
         self.lock().iter().map(progress).collect()
     }
@@ -90,7 +95,7 @@ impl Held {
         let mut parts: Vec<String> = at_work
             .iter()
             .map(|state| {
-                let iteration = state.node.first() + 1 + u64::from(state.leaves_done.load(Ordering::Relaxed));
+                let iteration = state.node.first() + 1 + u64::from(state.leaves_done());
                 format!("the end of iteration {iteration} of job {}", state.job)
             })
             .collect();

@@ -148,6 +148,7 @@ mod tests {
                     height: 2,
                     digest: BlobHash::of(&image),
                     totals: Totals::default(),
+                    memory_mb: Some(700),
                 },
                 image: image.into(),
             }

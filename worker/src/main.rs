@@ -2,7 +2,10 @@
 
 use anyhow::Context;
 use clap::{Parser, ValueEnum};
-use photonfarm_worker::{CancellationToken, Credentials, Worker, WorkerConfig};
+use photonfarm_proto::memory::MOST_MEMORY_MB;
+use photonfarm_worker::{
+    Attendance, CancellationToken, Credentials, Hours, OTHERS_PERCENT, Worker, WorkerConfig, available_mb,
+};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -41,6 +44,20 @@ struct Options {
     /// Something that this machine has, for jobs that ask for it, such as gpu=no (repeatable).
     #[arg(long, value_name = "TAG")]
     tag: Vec<String>,
+    /// Memory that jobs may take of this machine [MiB]: none that needs more is taken; the machine's, or the limit of its
+    /// control group, by default.
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_MEMORY_MB)))]
+    memory: Option<u32>,
+    /// Hours in which to take work, such as "mon-fri 19:00-07:00, sat-sun 00:00-24:00", in local time (the variable TZ, else
+    /// that of the system). When they end, the iteration at hand comes to its end and counts, and the rest goes back; the
+    /// worker stays registered.
+    #[arg(long, value_name = "HOURS", env = "PHOTONFARM_HOURS")]
+    hours: Option<Hours>,
+    /// Take work only while others leave the machine alone: other processes use no more than so many percent of its
+    /// processors. They count after a quarter of a minute, and are gone after two minutes without them.
+    #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, value_parser = percent,
+          default_missing_value = "10")]
+    idle_only: Option<f64>,
     /// Seconds that a worker that is told to stop may go on: three quarters of them with the iteration at hand, the rest with
     /// the delivery of what is done. What is not delivered then is kept in the cache's folder and delivered at the next start
     /// with the same folder and coordinator; it counts if its lease has not ended meanwhile.
@@ -57,6 +74,13 @@ enum LogFormat {
     Text,
     /// One JSON object a line.
     Json,
+}
+
+fn percent(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.0..100.0).contains(&value) => Ok(value),
+        _ => Err("expected a share of the processors, from 0 to less than 100 percent".to_owned()),
+    }
 }
 
 fn main() -> ExitCode {
@@ -90,6 +114,15 @@ async fn run(options: Options) -> anyhow::Result<()> {
     config.tags = options.tag.into_iter().collect();
     config.cache_bytes = options.cache_gigabytes.saturating_mul(1 << 30);
     config.name = options.name.unwrap_or_else(host_name);
+    config.memory_mb = options.memory.or_else(available_mb);
+    config.watches_memory = true;
+    if let Some(hours) = &options.hours {
+        tracing::info!("takes work in these hours, by local time: {hours}");
+    }
+    config.rest = Attendance::new(options.hours, options.idle_only).begin();
+    if let Some(rest) = *config.rest.borrow() {
+        tracing::info!("{rest}");
+    }
     let drain = CancellationToken::new();
     stop_on_signals(drain.clone()).context("signals cannot be handled")?;
     Worker::new(config)?.run(drain).await?;
@@ -153,6 +186,27 @@ mod tests {
         assert_eq!(options.cache.as_deref(), Some("b".as_ref()));
         assert_eq!(options.coordinator, "http://b");
         assert_eq!(options.tag, ["x", "y"]);
+    }
+
+    #[test]
+    fn hours_and_others_are_understood_or_refused_with_a_reason() {
+        let parse = |more: &[&str]| {
+            let line = ["photonfarm-worker", "--coordinator", "http://a"];
+            Options::try_parse_from(line.iter().chain(more)).map_err(|error| error.to_string())
+        };
+        let options = parse(&["--hours", "mon-fri 19:00-07:00", "--idle-only", "--memory", "2048"]).unwrap();
+        assert_eq!((options.idle_only, options.memory), (Some(OTHERS_PERCENT), Some(2048)));
+        assert_eq!(options.hours.unwrap().to_string(), "mon-fri 19:00-07:00");
+        assert_eq!(parse(&["--idle-only=25.5"]).unwrap().idle_only, Some(25.5));
+        for (option, reason) in [
+            ("--hours=mon-fry 19:00-07:00", "\"fry\": it is no day"),
+            ("--idle-only=100", "less than 100 percent"),
+            ("--idle-only=NaN", "less than 100 percent"),
+            ("--memory=0", "1..=16777216"),
+        ] {
+            let error = parse(&[option]).err().unwrap();
+            assert!(error.contains(reason), "{error}");
+        }
     }
 
     #[test]

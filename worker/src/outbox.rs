@@ -152,6 +152,7 @@ fn farewell_after(upload: &Upload, error: &ClientError) -> Farewell {
         leaf: node.first() as u32,
         kind: FailureKind::Render,
         message: cut_text(format!("the image of node {node} was refused: {error}")),
+        shortage: None,
     })
 }
 

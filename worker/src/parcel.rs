@@ -50,6 +50,7 @@ pub(crate) fn encode(worker: WorkerId, lease: &Lease, sums: Vec<Sum>) -> Vec<Upl
             height: node.height,
             digest: BlobHash::of(&image),
             totals,
+            memory_mb: None,
         };
         Upload {
             announced,

@@ -4,39 +4,38 @@ use crate::backoff::Backoff;
 use crate::block::{Deadline, Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
 use crate::client::{Client, ClientError, retry};
-use crate::credentials::Credentials;
+use crate::config::{WorkerConfig, WorkerError};
 use crate::drain::Stop;
 use crate::held::{Abandon, Held, LeaseState};
+use crate::memory::Gauge;
 use crate::notices::Notices;
 use crate::outbox::{Courier, LeftOnDisk};
 use crate::parcel::{self, Farewell, Parcel, Upload};
-use crate::render::{CoreRenderer, LoadedScene, Renderer};
+use crate::render::LoadedScene;
+use crate::shift::{Rests, Shift};
+use crate::witness::{self, Bench, Witness};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_core::settings::{IntegratorSettings, SettingError};
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::rest::{Rest, Resting};
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
     MOST_WARNINGS, Register, Registered, SceneReport, StatisticsRequest, cut_text,
 };
 use rayon::ThreadPool;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use thiserror::Error;
 use tokio::sync::{mpsc, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 
-/// How long a worker that is told to stop may go on, unless it is told otherwise: less than the two minutes after which
-/// our units for systemd and our containers are killed.
-const DRAIN: Duration = Duration::from_secs(100);
 /// How long a request for work waits at the coordinator.
 const POLL: Duration = Duration::from_secs(20);
 /// Finished leases that may wait for delivery while the next is rendered.
@@ -47,73 +46,6 @@ const NOTICE: Duration = Duration::from_secs(5);
 const SILENCE: Duration = Duration::from_secs(2);
 /// Attempts at a scene whose files are damaged in the cache.
 const LOADS: usize = 3;
-
-/// What a worker needs to know.
-#[derive(Clone)]
-pub struct WorkerConfig {
-    /// URL of the coordinator.
-    pub coordinator: String,
-    /// What is shown to the coordinator.
-    pub credentials: Credentials,
-    /// A name for people.
-    pub name: String,
-    /// Threads to render with; 0: all processors.
-    pub threads: usize,
-    /// Folder for the files of scenes.
-    pub cache: PathBuf,
-    /// Bytes that the folder may hold.
-    pub cache_bytes: u64,
-    /// What renders.
-    pub renderer: Arc<dyn Renderer>,
-    /// Name of what renders: a job takes results of one name only.
-    pub build: String,
-    /// What this worker has: jobs may ask for it.
-    pub tags: BTreeSet<String>,
-    /// How long a worker that is told to stop may go on: three quarters of it with the iteration at hand, then with the
-    /// delivery of what is done. What is left then is kept in the cache's folder.
-    pub drain: Duration,
-}
-
-impl WorkerConfig {
-    /// A worker that renders with the core, on all processors.
-    #[must_use]
-    pub fn new(coordinator: impl Into<String>, cache: impl Into<PathBuf>) -> Self {
-        Self {
-            coordinator: coordinator.into(),
-            credentials: Credentials::default(),
-            name: "worker".into(),
-            threads: 0,
-            cache: cache.into(),
-            cache_bytes: 16 << 30,
-            renderer: Arc::new(CoreRenderer),
-            build: photonfarm_proto::RENDERER.to_owned(),
-            tags: BTreeSet::new(),
-            drain: DRAIN,
-        }
-    }
-}
-
-/// Why a worker cannot work.
-#[derive(Debug, Error)]
-pub enum WorkerError {
-    /// Not a URL of a coordinator.
-    #[error("{0}")]
-    Url(String),
-    /// The coordinator does not take this worker.
-    #[error("the coordinator refuses this worker")]
-    Refused(#[source] ClientError),
-    /// The cache's folder cannot be used.
-    #[error("the cache {} cannot be written: choose another folder with --cache", path.display())]
-    Cache {
-        /// The folder.
-        path: PathBuf,
-        /// What failed.
-        source: std::io::Error,
-    },
-    /// No threads.
-    #[error("no threads to render with: {0}")]
-    Threads(#[from] rayon::ThreadPoolBuildError),
-}
 
 /// A worker, ready to run.
 pub struct Worker {
@@ -201,6 +133,9 @@ impl Worker {
             Err(WorkerError::Refused(ClientError::Stopping)) => return Ok(()),
             other => other?,
         };
+        if self.config.watches_memory {
+            witness::report_killed(&self.client, &self.cache, &stop.drain).await;
+        }
         let (announce, announced) = watch::channel(terms);
         let _abandon_when_dropped = Abandon(self.held.clone());
         let _heart = detached(beat(self.client.clone(), self.held.clone(), announced));
@@ -214,9 +149,15 @@ impl Worker {
         let courier = detached(courier.carry(parcels));
         let (mut backoff, mut notices) = (Backoff::default(), None);
         while !stop.drain.is_cancelled() {
-            match self.next_assignment(terms.worker, &stop.drain).await {
+            let rests = Rests(self.config.rest.clone());
+            let shift = Shift::begin(&stop, rests.clone(), self.config.drain);
+            let asked = match rests.now() {
+                Some(resting) => self.rest(terms.worker, resting, rests, &stop.drain).await,
+                None => self.next_assignment(terms.worker, &shift.stop.drain).await,
+            };
+            match asked {
                 Ok(Some(assignment)) => {
-                    let (parcel, smooth) = self.work_on(assignment, terms.stores, &stop).await;
+                    let (parcel, smooth) = self.work_on(assignment, terms.stores, &shift.stop).await;
                     if outbox.send(parcel).await.is_err() {
                         break;
                     }
@@ -271,6 +212,7 @@ impl Worker {
             threads: self.pool.current_num_threads() as u32,
             renderer: self.config.build.clone(),
             tags: self.config.tags.clone(),
+            memory_mb: self.config.memory_mb,
         };
         let mut reply = pin!(self.client.insist("worker/register", &register, drain));
         let reply = match tokio::time::timeout(SILENCE, &mut reply).await {
@@ -314,12 +256,47 @@ impl Worker {
         retry(drain, "the request for work", ask).await
     }
 
+    /// Says that no work is taken, and waits until that changes or is to be said again.
+    async fn rest(
+        &self,
+        worker: WorkerId,
+        resting: Resting,
+        mut rests: Rests,
+        drain: &CancellationToken,
+    ) -> Result<Option<Assignment>, ClientError> {
+        let say = || async {
+            let rest = Rest {
+                worker,
+                serial: 1 + self.serial.fetch_add(1, Ordering::Relaxed),
+                held: self.held.tokens(),
+                reason: resting.reason,
+                until_ms: resting.until_ms,
+            };
+            self.client.call("worker/rest", &rest, Duration::ZERO).await
+        };
+        let Acknowledged = retry(drain, "the word that this worker rests", say).await?;
+        tracing::debug!("{resting}");
+        tokio::select! {
+            () = rests.change_from(Some(resting)) => {}
+            () = tokio::time::sleep(POLL) => {}
+            () = drain.cancelled() => {}
+        }
+        Ok(None)
+    }
+
     /// Renders a lease. The flag says whether the worker is fit for the next one at once.
     async fn work_on(&mut self, assignment: Assignment, stores: bool, stop: &Stop) -> (Parcel, bool) {
         let Assignment { lease, mut spec } = assignment;
         let ends = lease.ends_in_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
         let state = self.held.add(&lease);
         tracing::info!(job = %lease.job, node = %lease.node, token = %lease.token, attempt = lease.attempt, "working");
+        let key = scene_key(&spec);
+        if self.loaded.as_ref().is_some_and(|(loaded, _)| *loaded != key) {
+            // So that its memory is not taken for that of this job.
+            self.loaded = None;
+        }
+        let gauge = self.config.watches_memory.then(Gauge::begin);
+        let _witness = gauge.and_then(|gauge| self.witness(&lease, &state, gauge));
         let prepare = async {
             let scene = self.load(&spec, &stop.drain).await?;
             spec.integrator = self.resolve(&*scene, &spec, &lease, &stop.drain).await?.into();
@@ -332,7 +309,7 @@ impl Worker {
         };
         let (uploads, farewell, smooth) = match loaded {
             Ok((scene, before)) => {
-                self.render(scene, spec, lease, before, (state.clone(), ends), stop)
+                self.render(scene, spec, lease, before, (state.clone(), ends, gauge), stop)
                     .await
             }
             Err(LoadError::Scene(kind, message)) => {
@@ -357,13 +334,27 @@ impl Worker {
         )
     }
 
+    /// Says on disk that a lease is worked on. Without that, a kill for lack of memory looks like any other.
+    fn witness(&self, lease: &Lease, state: &Arc<LeaseState>, gauge: Gauge) -> Option<Witness> {
+        let bench = Bench {
+            coordinator: self.client.coordinator(),
+            name: &self.config.name,
+            memory_mb: self.config.memory_mb,
+            gauge,
+        };
+        let witness = self.cache.witness(bench, *lease, state.clone());
+        witness
+            .inspect_err(|error| tracing::debug!(%error, "what is worked on cannot be written down"))
+            .ok()
+    }
+
     async fn render(
         &self,
         scene: Arc<dyn LoadedScene>,
         spec: JobSpec,
         lease: Lease,
         before: Vec<f32>,
-        (state, ends): (Arc<LeaseState>, Option<Instant>),
+        (state, ends, gauge): (Arc<LeaseState>, Option<Instant>, Option<Gauge>),
         stop: &Stop,
     ) -> (Vec<Upload>, Farewell, bool) {
         let (pool, steps) = (self.pool.clone(), stop.clone());
@@ -371,7 +362,12 @@ impl Worker {
             let deadline = Deadline::new(ends, Instant::now());
             let render = || render_block(&*scene, &spec, lease.node, before, &state, &steps, deadline);
             let (sums, ending) = pool.install(render);
-            (parcel::encode(lease.worker, &lease, sums), ending)
+            let mut uploads = parcel::encode(lease.worker, &lease, sums);
+            let memory_mb = gauge.and_then(|gauge| gauge.peak_mb());
+            uploads
+                .iter_mut()
+                .for_each(|upload| upload.announced.memory_mb = memory_mb);
+            (uploads, ending)
         };
         let rendered = tokio::select! {
             rendered = tokio::task::spawn_blocking(work) => rendered,
@@ -465,8 +461,7 @@ impl Worker {
 
     /// The scene of a job, loaded before or now.
     async fn load(&mut self, spec: &JobSpec, drain: &CancellationToken) -> Result<Arc<dyn LoadedScene>, LoadError> {
-        let (main, defines, sensor) = (spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
-        let key = (spec.scene, main, defines, sensor, spec.layers.clone());
+        let key = scene_key(spec);
         if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
             return Ok(scene.clone());
         }
@@ -498,6 +493,11 @@ impl Worker {
     }
 }
 
+fn scene_key(spec: &JobSpec) -> SceneKey {
+    let (main, defines, sensor) = (spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
+    (spec.scene, main, defines, sensor, spec.layers.clone())
+}
+
 fn failure(lease: &Lease, leaf: u32, kind: FailureKind, message: String) -> Farewell {
     let Lease { token, worker, job, .. } = *lease;
     Farewell::Failure(FailureReport {
@@ -507,6 +507,7 @@ fn failure(lease: &Lease, leaf: u32, kind: FailureKind, message: String) -> Fare
         leaf,
         kind,
         message: cut_text(message),
+        shortage: None,
     })
 }
 

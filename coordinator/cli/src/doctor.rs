@@ -299,6 +299,7 @@ fn waiting(jobs: &BTreeMap<Waiting, u64>) -> Vec<Finding> {
     let advice = |reason: Waiting| match reason {
         Waiting::Tags => Some("start workers with these tags (photonfarm-worker --tag), see `photonfarm jobs`"),
         Waiting::Renderer => Some("start workers of the build that they are bound to, or `photonfarm resubmit` them"),
+        Waiting::Memory => Some("start workers with more memory, see `photonfarm jobs`"),
         Waiting::Quarantine => Some("see `photonfarm workers`"),
         Waiting::Scene => Some("submit their scenes again, which sends what is missing"),
         Waiting::NoWorker => Some("start workers"),

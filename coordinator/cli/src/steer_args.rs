@@ -212,6 +212,9 @@ pub(crate) struct ScheduleArgs {
     /// Tag that a worker must have (repeatable)
     #[arg(long, value_name = "TAG")]
     tag: Vec<String>,
+    /// Memory that a worker must have [MiB], until it was measured how much the job takes
+    #[arg(long, value_name = "MIB")]
+    memory: Option<u32>,
     /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance,
     /// without the hundredth of the pixels with the largest errors
     #[arg(long, value_name = "X")]
@@ -229,6 +232,7 @@ impl ScheduleArgs {
             deadline_ms: self.within.map(deadline).transpose()?,
             noise_target: self.noise_target,
             tags: self.tag.iter().cloned().collect(),
+            memory_mb: self.memory,
             ..Schedule::default()
         };
         schedule.check().context("the job cannot be scheduled so")?;

@@ -21,6 +21,7 @@ pub(crate) fn jobs(jobs: &[JobStatus], now_ms: u64) -> String {
         "AGE",
         "LEFT",
         "WORKERS",
+        "MEMORY",
         "OWNER",
         "LABELS",
         "NOTE",
@@ -42,6 +43,7 @@ pub(crate) fn jobs(jobs: &[JobStatus], now_ms: u64) -> String {
             short(Duration::from_millis(now_ms.saturating_sub(job.created_ms))),
             left,
             workers,
+            job.memory_mb.map_or(String::new(), memory),
             job.owner.clone(),
             joined(job.spec.labels.iter().map(|(name, value)| format!("{name}={value}"))),
             note(job),
@@ -87,6 +89,7 @@ pub(crate) fn workers(workers: &[WorkerStatus]) -> String {
         "JOBS",
         "SPEED",
         "THREADS",
+        "MEMORY",
         "HEARD",
         "FROM",
         "CONFIRMED",
@@ -99,7 +102,8 @@ pub(crate) fn workers(workers: &[WorkerStatus]) -> String {
         let state = match (&worker.quarantine, worker.leases) {
             (Some(_), _) => "quarantine",
             (None, 0) if worker.drained => "drained",
-            (None, _) if worker.drained => "draining",
+            (None, 0) if worker.rest.is_some() => "resting",
+            (None, _) if worker.drained || worker.rest.is_some() => "draining",
             (None, 0) => "idle",
             (None, _) => "working",
         };
@@ -114,16 +118,23 @@ pub(crate) fn workers(workers: &[WorkerStatus]) -> String {
             joined(worker.jobs.iter().map(ToString::to_string)),
             worker.iterations_per_second.map_or(String::new(), speed),
             worker.threads.to_string(),
+            worker.memory_mb.map_or(String::new(), memory),
             format!("{} ago", short(Duration::from_millis(worker.silent_ms))),
             from,
             worker.verified.to_string(),
             worker.faults.to_string(),
             joined(worker.tags.iter().cloned()),
             worker.renderer.clone(),
-            worker.quarantine.clone().unwrap_or_default(),
+            worker_note(worker),
         ]
     });
     aligned(&head, rows)
+}
+
+/// Why a worker gets no work.
+fn worker_note(worker: &WorkerStatus) -> String {
+    let rest = || worker.rest.map(|rest| rest.to_string());
+    worker.quarantine.clone().or_else(rest).unwrap_or_default()
 }
 
 /// What a job is called: by whoever sent it, or as its scene file.
@@ -176,6 +187,14 @@ fn speed(iterations_per_second: f64) -> String {
     match iterations_per_second >= 1.0 {
         true => format!("{iterations_per_second:.1}/s"),
         false => format!("{:.1}/min", 60.0 * iterations_per_second),
+    }
+}
+
+/// An amount of memory [MiB].
+pub(crate) fn memory(mebibytes: u32) -> String {
+    match mebibytes >= 10_240 {
+        true => format!("{:.1} GiB", f64::from(mebibytes) / 1024.0),
+        false => format!("{mebibytes} MiB"),
     }
 }
 
@@ -252,6 +271,25 @@ mod tests {
             "{text}"
         );
         assert!(lines[2].ends_with('…') && lines[2].starts_with("7 "), "{text}");
+    }
+
+    #[test]
+    fn workers_that_rest_say_until_when_and_memory_has_units() {
+        let list: Vec<WorkerStatus> = serde_json::from_value(serde_json::json!([
+            {"id": 1, "name": "desk", "threads": 8, "renderer": "1", "silent_ms": 0, "leases": 0, "memory_mb": 64_000,
+             "rest": {"reason": "hours", "until": "2026-11-30T19:00:00.000Z"}},
+            {"id": 2, "name": "rack", "threads": 8, "renderer": "1", "silent_ms": 0, "leases": 1, "memory_mb": 2048,
+             "rest": {"reason": "busy", "until": null}}]))
+        .unwrap();
+        let text = workers(&list);
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[1].contains("resting") && lines[1].contains("62.5 GiB"), "{text}");
+        assert!(
+            lines[1].ends_with("resting until 2026-11-30T19:00:00.000Z: outside its hours"),
+            "{text}"
+        );
+        assert!(lines[2].contains("draining") && lines[2].contains("2048 MiB"), "{text}");
+        assert!(lines[2].ends_with("somebody else uses its machine"), "{text}");
     }
 
     #[test]

@@ -52,6 +52,22 @@ async fn figures_of_state(service: &App) -> Result<String, ServiceError> {
     );
     gauge("workers", "Workers heard of lately.", workers.len() as u64);
     gauge(
+        "workers_resting",
+        "Workers that take no work of their own accord: outside their hours, or since others use their machines.",
+        workers.iter().filter(|worker| worker.rest.is_some()).count() as u64,
+    );
+    let memory = workers.iter().filter_map(|worker| worker.memory_mb);
+    gauge(
+        "largest_worker_memory_bytes",
+        "Memory that jobs may take of the largest worker; 0 where none says.",
+        u64::from(memory.max().unwrap_or(0)) << 20,
+    );
+    gauge(
+        "largest_job_memory_bytes",
+        "Most memory that one of the jobs at work was measured to take.",
+        u64::from(figures.memory_mb) << 20,
+    );
+    gauge(
         "leases",
         "Leases held.",
         workers.iter().map(|worker| u64::from(worker.leases)).sum(),

@@ -203,6 +203,7 @@ fn worker_routes() -> Routes {
     Routes::of(Some(&[Role::Worker]))
         .post("/v1/worker/register", worker::register)
         .post("/v1/worker/lease", worker::lease)
+        .post("/v1/worker/rest", worker::rest)
         .post("/v1/worker/heartbeat", worker::heartbeat)
         .post("/v1/worker/nodes", worker::upload)
         .post("/v1/worker/nodes/place", worker::place)

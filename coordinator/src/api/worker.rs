@@ -11,6 +11,7 @@ use axum::extract::{Request, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
+use photonfarm_proto::rest::Rest;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
     NodeUpload, Register, Registered, Release, SceneReport, StatisticsRequest,
@@ -40,6 +41,16 @@ pub(super) async fn lease(
     Ok(Framed(LeaseReply {
         assignment: service.lease(request).await?,
     }))
+}
+
+pub(super) async fn rest(
+    State(service): State<App>,
+    By(caller): By,
+    Framed(rest): Framed<Rest>,
+) -> Result<Framed<Acknowledged>, ApiError> {
+    service.check_worker(rest.worker, &caller.name).await?;
+    service.rest(rest).await?;
+    Ok(Framed(Acknowledged))
 }
 
 pub(super) async fn heartbeat(

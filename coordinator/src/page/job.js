@@ -7,7 +7,7 @@ import { historyView } from "./history.js";
 import { pictureOf } from "./jobs.js";
 import { Feed } from "./raw.js";
 import { Viewer } from "./viewer.js";
-import { element, ended, nameOf, progressOf, reasonOf, since, span, stateOf } from "./words.js";
+import { element, ended, memory, nameOf, progressOf, reasonOf, since, span, stateOf } from "./words.js";
 
 function facts(job) {
   const seconds = Object.values(job.totals.seconds).reduce((sum, value) => sum + value, 0);
@@ -22,6 +22,7 @@ function facts(job) {
     ["Workers", ended(job) ? "" : String(job.workers)],
     ["Pace", job.iterations_per_second ? `${(60 * job.iterations_per_second).toPrecision(3)} iterations a minute` : ""],
     ["Rendering took", seconds > 0 ? `${span(seconds)} of all workers` : ""],
+    ["Memory", memory(job.memory_mb)],
     ["Noise", job.checkpoint ? `${job.checkpoint.noise?.toPrecision(3)} after ${job.checkpoint.iterations} iterations` : ""],
     ["Sigma", bandwidth ? `${bandwidth.sigma[0].toPrecision(3)} to ${bandwidth.sigma[1].toPrecision(3)}` : ""],
     ["Theta", bandwidth?.theta ? bandwidth.theta.map((it) => `${((it * 180) / Math.PI).toPrecision(3)}°`).join(" to ") : ""],

@@ -13,7 +13,7 @@ export function overview(farm) {
     const running = jobs.filter((job) => job.workers > 0);
     const pace = running.reduce((sum, job) => sum + (job.iterations_per_second ?? 0), 0);
     const workers = farm.workers.filter((worker) => worker.silent_ms < 60_000);
-    const apart = workers.filter((worker) => worker.quarantine || worker.drained).length;
+    const apart = workers.filter((worker) => worker.quarantine || worker.drained || worker.rest).length;
     const waiting = jobs.filter((job) => job.waiting && stateOf(job) !== "paused").length;
     const left = pace > 0 && farm.pending > 0 ? `, about ${span(farm.pending / pace)}` : "";
     const figures = [

@@ -58,6 +58,12 @@ export function progressOf(job) {
   return `${done}, about ${span((all - job.iterations_rendered) / pace)} left`;
 }
 
+/** An amount of memory [MiB]; nothing where it is not known. */
+export function memory(mebibytes) {
+  if (mebibytes == null) return "";
+  return mebibytes >= 10240 ? `${(mebibytes / 1024).toFixed(1)} GiB` : `${mebibytes} MiB`;
+}
+
 /** Why a job ended as it did, or nobody is at work on it. */
 export function reasonOf(job) {
   if (job.failure) return job.failure;

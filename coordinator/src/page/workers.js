@@ -2,11 +2,16 @@
 
 import { acting, ask } from "./farm.js";
 import { overview } from "./overview.js";
-import { element, span } from "./words.js";
+import { element, memory, span } from "./words.js";
 
 function stateOfWorker(worker) {
   if (worker.quarantine) return `in quarantine: ${worker.quarantine}`;
   const state = worker.leases > 0 ? "working" : "idle";
+  if (worker.rest && !worker.drained) {
+    const why = worker.rest.reason === "hours" ? "outside its hours" : "somebody else uses its machine";
+    const until = worker.rest.until ? ` until ${new Date(worker.rest.until).toLocaleString()}` : "";
+    return `${worker.leases > 0 ? "finishes what it holds, then rests" : "resting"}${until}: ${why}`;
+  }
   if (!worker.drained) return state;
   return worker.leases > 0 ? "finishes what it holds" : "drained";
 }
@@ -14,7 +19,7 @@ function stateOfWorker(worker) {
 export function workersView(farm, tell) {
   const glance = overview(farm);
   const rows = element("tbody");
-  const head = ["Worker", "State", "", "Jobs", "Speed", "Threads", "Heard of", "From", "Confirmed", "Faults", "Tags", "Renderer"];
+  const head = ["Worker", "State", "", "Jobs", "Speed", "Threads", "Memory", "Heard of", "From", "Confirmed", "Faults", "Tags", "Renderer"];
   const table = element("table", {}, element("thead", {}, element("tr", {}, head.map((text) => element("th", { scope: "col" }, text || element("span", { class: "skip" }, "Actions"))))), rows);
   const none = element("p", { hidden: true }, "No worker is there. ", element("code", {}, `photonfarm-worker --coordinator ${location.origin}`), " starts one.");
   const node = element("section", {}, element("h1", {}, "Workers"), glance.node, none, element("div", { class: "wide", tabindex: 0, role: "region", "aria-label": "Workers" }, table));
@@ -36,6 +41,7 @@ export function workersView(farm, tell) {
         worker.jobs.join(", "),
         speed ? `${(60 * speed).toPrecision(3)} a minute` : "",
         worker.threads,
+        memory(worker.memory_mb),
         `${span(worker.silent_ms / 1000)} ago`,
         [worker.token, worker.machine].filter(Boolean).join("@"),
         worker.verified,

@@ -68,7 +68,10 @@ impl SchedulerConfig {
 
     /// Whether a leaf that failed like this is tried no more.
     pub(super) fn gives_up(&self, attempts: &[FailedAttempt]) -> bool {
-        let counts = attempts.iter().filter(|failed| !failed.repeated);
+        // Who ran out of memory says nothing of the leaf: it waits for a larger worker.
+        let counts = attempts
+            .iter()
+            .filter(|failed| !failed.repeated && failed.memory_mb.is_none());
         let reported = counts.clone().filter(|failed| failed.attempt.kind != FailureKind::Lost);
         reported.count() >= self.max_failures || counts.count() >= self.max_attempts
     }

@@ -28,6 +28,8 @@ pub struct Delivery {
     pub unread: bool,
     /// What it took.
     pub totals: Totals,
+    /// Memory that its worker held meanwhile, if that is known [MiB].
+    pub memory_mb: Option<u32>,
 }
 
 /// What became of a delivery.

@@ -1,6 +1,8 @@
 //! What jobs ask of workers.
 
-use super::record::JobControl;
+use super::memory;
+use super::record::{FailedAttempt, JobControl};
+use super::table::Table;
 use std::collections::BTreeSet;
 
 /// What a job asks of its workers.
@@ -10,14 +12,17 @@ pub(super) struct Demand {
     pub(super) renderer: Option<String>,
     /// What they are to have.
     pub(super) tags: BTreeSet<String>,
+    /// Memory that they are to have [MiB].
+    pub(super) memory_mb: u32,
 }
 
 impl Demand {
-    /// What a job asks that goes on like this.
-    pub(super) fn of(control: &JobControl) -> Self {
+    /// What a job asks that goes on like this and failed so far like that.
+    pub(super) fn of(control: &JobControl, failures: &Table<u32, Vec<FailedAttempt>>) -> Self {
         Self {
             renderer: control.renderer.clone(),
             tags: control.schedule.tags.clone(),
+            memory_mb: memory::needed(control, failures),
         }
     }
 

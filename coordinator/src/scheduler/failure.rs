@@ -30,7 +30,7 @@ impl Job {
         let job = self.id();
         match attempt.attempt.kind {
             FailureKind::Lost => Err(Refusal::Invalid("a worker cannot report itself lost".into())),
-            FailureKind::Scene | FailureKind::Render | FailureKind::Panic => {
+            FailureKind::Scene | FailureKind::Render | FailureKind::Panic | FailureKind::OutOfMemory => {
                 Ok(vec![Change::LeafFailed { job, leaf, attempt }, self.end_lease(token)])
             }
         }
@@ -46,7 +46,7 @@ impl Job {
     pub(super) fn failed_within(&self, node: NodeKey) -> impl Iterator<Item = WorkerId> + '_ {
         let leaves = node.first() as u32..=(node.end() - 1) as u32;
         let attempts = self.failures.range(leaves).flat_map(|(_, attempts)| attempts);
-        let reported = attempts.filter(|failed| failed.attempt.kind != FailureKind::Lost);
+        let reported = attempts.filter(|failed| !is_of_machine(failed.attempt.kind));
         let workers: BTreeSet<WorkerId> = reported.map(|failed| failed.attempt.worker).collect();
         workers.into_iter()
     }
@@ -57,6 +57,11 @@ impl Job {
         let leaf = NodeKey::leaf(u32::try_from(node.first() + lease.leaves_done).ok()?);
         (node.contains(leaf) && self.covering(leaf).is_none()).then_some(leaf.index)
     }
+}
+
+/// Whether a failure says nothing of how well its worker renders.
+fn is_of_machine(kind: FailureKind) -> bool {
+    matches!(kind, FailureKind::Lost | FailureKind::OutOfMemory)
 }
 
 impl Farm {
@@ -104,7 +109,7 @@ impl Farm {
 
     /// What is kept of an attempt that failed. Whoever fails at a leaf again counts only where nobody else is there to try it:
     /// one principal alone cannot have an iteration given up that others could render.
-    fn failed_attempt(&self, job: &Job, leaf: u32, attempt: Attempt) -> FailedAttempt {
+    pub(super) fn failed_attempt(&self, job: &Job, leaf: u32, attempt: Attempt) -> FailedAttempt {
         let before = job.failures.get(&leaf).map_or(&[][..], Vec::as_slice);
         let has_failed = |principal: Principal| before.iter().any(|failed| failed.principal == principal);
         let principal = self.principal_of(attempt.worker);
@@ -114,6 +119,7 @@ impl Farm {
             attempt,
             principal,
             repeated,
+            memory_mb: None,
         }
     }
 

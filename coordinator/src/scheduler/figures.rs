@@ -16,6 +16,8 @@ pub struct Figures {
     pub pending_iterations: u64,
     /// Leases of the usual length that these make.
     pub pending_leases: u64,
+    /// Most memory that one of the jobs at work was measured to take [MiB].
+    pub memory_mb: u32,
     /// Jobs that nobody is at work on, by the reason.
     pub waiting: BTreeMap<Waiting, u64>,
 }
@@ -45,10 +47,12 @@ impl Farm {
             queued: index.queued,
             pending_iterations: index.left,
             pending_leases: index.leases_left,
+            memory_mb: 0,
             waiting: BTreeMap::new(),
         };
         let at_work = index.leased.keys().map(|id| &self.jobs[id]);
         for job in at_work.filter(|job| !job.is_paused()) {
+            figures.memory_mb = figures.memory_mb.max(job.control.memory_mb.unwrap_or(0));
             let rendered = job.rendered() - job.done();
             figures.pending_iterations -= rendered;
             figures.pending_leases += self.pending_leases(job, job.leaves() - job.done() - rendered);

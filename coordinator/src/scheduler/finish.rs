@@ -122,6 +122,7 @@ impl Job {
                 attempt,
                 principal: record.principal,
                 repeated: false,
+                memory_mb: None,
             };
             changes.push(Change::LeafFailed { job, leaf, attempt });
         }

@@ -24,21 +24,13 @@ impl Farm {
     /// A worker asks for work. Its leases that it does not name were granted in replies to earlier requests that never arrived:
     /// they end. Of a request that a later one has overtaken nothing follows.
     pub fn lease(&self, asked: &Asked, now: Millis) -> Result<Decision<Option<LeaseRecord>>, Refusal> {
-        let Asked { worker, serial, held } = asked;
-        let (worker, serial) = (*worker, *serial);
+        let (worker, serial) = (asked.worker, asked.serial);
         let known = self.workers.get(worker).ok_or(Refusal::UnknownWorker(worker))?;
-        if known.serial > serial || self.leases_of(worker).any(|lease| lease.serial > serial) {
+        if self.is_overtaken(known, asked) {
             return Ok(Decision::new(None, vec![]));
         }
-        let unnamed = self
-            .leases_of(worker)
-            .filter(|lease| lease.serial < serial && !held.contains(&lease.token));
-        let mut changes: Vec<Change> = unnamed
-            .map(|lease| Change::LeaseEnded {
-                job: lease.job,
-                token: lease.token,
-            })
-            .collect();
+        let mut changes = self.unnamed(asked);
+        changes.extend(self.rests(known, None));
         if !changes.is_empty() {
             return Ok(Decision::new(None, changes));
         }
@@ -48,6 +40,24 @@ impl Farm {
         changes.extend(self.bind(&lease));
         changes.push(Change::LeaseGranted(lease.clone()));
         Ok(Decision::new(Some(lease), changes))
+    }
+
+    /// Whether a later request of the worker was heard.
+    pub(super) fn is_overtaken(&self, known: &Worker, asked: &Asked) -> bool {
+        let mut leases = self.leases_of(asked.worker);
+        known.serial > asked.serial || leases.any(|lease| lease.serial > asked.serial)
+    }
+
+    /// Ends the leases that were granted in replies that never arrived.
+    pub(super) fn unnamed(&self, asked: &Asked) -> Vec<Change> {
+        let unnamed = self
+            .leases_of(asked.worker)
+            .filter(|lease| lease.serial < asked.serial && !asked.held.contains(&lease.token));
+        let ended = unnamed.map(|lease| Change::LeaseEnded {
+            job: lease.job,
+            token: lease.token,
+        });
+        ended.collect()
     }
 
     /// The first lease of a job binds it to a renderer.

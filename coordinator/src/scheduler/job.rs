@@ -69,7 +69,7 @@ impl Job {
         free.add(0, head.spec.iterations.into());
         let control = JobControl::of(&head.spec);
         Self {
-            demand: Arc::new(Demand::of(&control)),
+            demand: Arc::new(Demand::of(&control, &Table::default())),
             control,
             charged_ms: 0,
             share_correction_ms: 0,
@@ -161,17 +161,22 @@ impl Job {
     }
 
     fn note_failure(&mut self, leaf: u32, attempt: FailedAttempt, config: &SchedulerConfig) {
+        let is_short = attempt.memory_mb.is_some();
         let attempts = self.failures.get_or_default(leaf);
         attempts.push(attempt);
         if config.gives_up(attempts) {
             self.given_up.insert(leaf, ());
             self.free.remove(leaf.into(), u64::from(leaf) + 1);
         }
+        if is_short {
+            self.update_demand();
+        }
     }
 
     /// Whatever failed is tried again as if for the first time.
     fn forget_failures(&mut self) {
         self.failures = Table::default();
+        self.update_demand();
         for (leaf, ()) in std::mem::take(&mut self.given_up).iter() {
             self.free_within(NodeKey::leaf(*leaf));
         }
@@ -179,8 +184,8 @@ impl Job {
 
     fn set_control(&mut self, control: JobControl) {
         let before = self.leaves();
-        self.demand = Arc::new(Demand::of(&control));
         self.control = control;
+        self.update_demand();
         let leaves = self.leaves();
         self.free.remove(leaves, before);
         self.free.add(before, leaves);
@@ -192,6 +197,10 @@ impl Job {
         if let Some((_, first)) = self.nodes.live.first() {
             self.update_pair(*first);
         }
+    }
+
+    fn update_demand(&mut self) {
+        self.demand = Arc::new(Demand::of(&self.control, &self.failures));
     }
 
     /// Leaves of a block may be free again: those that are neither in the image, nor lent, nor given up.

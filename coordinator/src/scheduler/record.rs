@@ -6,6 +6,7 @@ use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::id::{BlobHash, HashError, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::rest::Resting;
 use photonfarm_proto::schedule::{Checkpoint, Schedule, Stop};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -55,6 +56,9 @@ pub struct FailedAttempt {
     /// Whether the same principal had failed at the leaf before, while others were there to try: it does not count again.
     #[serde(default)]
     pub repeated: bool,
+    /// Of a worker that ran out of memory: the memory that it has, if that is known [MiB].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub memory_mb: Option<u32>,
 }
 
 /// A worker.
@@ -71,6 +75,9 @@ pub struct WorkerRecord {
     /// What it has.
     #[serde(default)]
     pub tags: BTreeSet<String>,
+    /// Memory that jobs may take of it, if it is known [MiB].
+    #[serde(default)]
+    pub memory_mb: Option<u32>,
     /// Where it registered from.
     #[serde(default)]
     pub origin: Origin,
@@ -105,6 +112,8 @@ pub struct Standing {
     pub quarantine: Option<String>,
     /// Whether somebody wants it to finish what it holds and get no more.
     pub drained: bool,
+    /// Set while it takes no work of its own accord.
+    pub rest: Option<Resting>,
 }
 
 /// What of a job never changes.
@@ -147,6 +156,9 @@ pub struct JobControl {
     /// The job that is to be done first, until it is.
     #[serde(default)]
     pub after: Option<JobId>,
+    /// Most memory that a worker was measured to hold while it worked on it [MiB].
+    #[serde(default)]
+    pub memory_mb: Option<u32>,
 }
 
 impl JobControl {
@@ -162,6 +174,7 @@ impl JobControl {
             integrator: None,
             warnings: Vec::new(),
             after: spec.after,
+            memory_mb: None,
         }
     }
 }

@@ -29,6 +29,7 @@ impl Worker {
             skill: Arc::new(Skill {
                 renderer: record.renderer.clone(),
                 tags: record.tags.clone(),
+                memory_mb: record.memory_mb,
             }),
             record,
             last_seen_ms: now,
@@ -48,7 +49,14 @@ impl Worker {
 
     /// Whether it may be given work.
     pub(super) fn may_work(&self) -> bool {
-        !self.is_held() && !self.record.standing.drained
+        let standing = &self.record.standing;
+        !self.is_held() && !standing.drained && standing.rest.is_none()
+    }
+
+    /// Whether nothing but its rest keeps it from work.
+    fn only_rests(&self) -> bool {
+        let standing = &self.record.standing;
+        !self.is_held() && !standing.drained && standing.rest.is_some()
     }
 
     /// What it can do.
@@ -69,10 +77,17 @@ pub struct Skill {
     pub renderer: String,
     /// What they have.
     pub tags: BTreeSet<String>,
+    /// Memory that jobs may take of them, if it is known [MiB].
+    pub memory_mb: Option<u32>,
 }
 
 impl Skill {
     pub(super) fn meets(&self, demand: &Demand) -> bool {
+        self.meets_but_for_memory(demand) && self.memory_mb.is_none_or(|memory| memory >= demand.memory_mb)
+    }
+
+    /// Whether they could work on jobs that ask this, if they had the memory.
+    pub(super) fn meets_but_for_memory(&self, demand: &Demand) -> bool {
         demand.is_met_by(&self.renderer, &self.tags)
     }
 }
@@ -83,16 +98,19 @@ pub(super) struct Crew {
     /// Those that may work, by who is behind them.
     principals: Table<Principal, u64>,
     workers: u64,
-    /// Number of those that may not: they are in quarantine or drained.
+    /// Number of those that may not: they are in quarantine or drained, or rest.
     pub(super) held: u64,
+    /// Number of those among them that only rest.
+    pub(super) resting: u64,
 }
 
 impl Crew {
     fn count(&mut self, worker: &Worker, inside: bool) {
         if !worker.may_work() {
+            let resting = u64::from(worker.only_rests());
             match inside {
-                true => self.held += 1,
-                false => self.held -= 1,
+                true => (self.held, self.resting) = (self.held + 1, self.resting + resting),
+                false => (self.held, self.resting) = (self.held - 1, self.resting - resting),
             }
             return;
         }

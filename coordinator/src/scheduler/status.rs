@@ -59,6 +59,7 @@ impl Job {
             iterations_per_second: self.pace.iterations_per_second(),
             workers: self.workers() as u32,
             iterations_in_doubt: self.nodes_in_doubt().map(NodeKey::leaves).sum(),
+            memory_mb: self.control.memory_mb,
             renderer: self.control.renderer.clone(),
             checkpoint: self.control.checkpoint,
             stop: self.control.stop,
@@ -127,19 +128,22 @@ impl Farm {
     pub(super) fn lack(&self, demand: &Demand) -> Option<Waiting> {
         let crews = || self.workers.crews();
         let tagged = || crews().filter(|(skill, _)| demand.tags.is_subset(&skill.tags));
+        let alike = || crews().filter(|(skill, _)| skill.meets_but_for_memory(demand));
         let met = || crews().filter(|(skill, _)| skill.meets(demand));
         match () {
             () if crews().next().is_none() => Some(Waiting::NoWorker),
             () if tagged().next().is_none() => Some(Waiting::Tags),
-            () if met().next().is_none() => Some(Waiting::Renderer),
-            () if !met().any(|(_, crew)| crew.workers() > 0) => Some(Waiting::Quarantine),
-            () => None,
+            () if alike().next().is_none() => Some(Waiting::Renderer),
+            () if met().next().is_none() => Some(Waiting::Memory),
+            () if met().any(|(_, crew)| crew.workers() > 0) => None,
+            () if met().any(|(_, crew)| crew.resting > 0) => Some(Waiting::Resting),
+            () => Some(Waiting::Quarantine),
         }
     }
 
     /// What a job lacks, in words.
     fn what_lacks(&self, lack: Waiting, job: &Job) -> String {
-        let Demand { renderer, tags } = &*job.demand;
+        let Demand { renderer, tags, .. } = &*job.demand;
         match lack {
             Waiting::Tags => {
                 let tags: Vec<&str> = tags.iter().map(String::as_str).collect();
@@ -155,6 +159,8 @@ impl Farm {
                     job.id()
                 )
             }
+            Waiting::Memory => self.what_is_too_small(job),
+            Waiting::Resting => self.who_rests(job),
             Waiting::Quarantine => "every worker that could do it is in quarantine or drained".into(),
             _ => "no worker is connected".into(),
         }

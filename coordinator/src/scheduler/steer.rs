@@ -87,7 +87,7 @@ impl Farm {
     pub fn retry(&self, id: JobId, ended: Option<&JobRecord>) -> Result<Decision<()>, Refusal> {
         let forgotten = Change::FailuresForgotten { job: id };
         if let Some(job) = self.job(id) {
-            let changes = if job.given_up.is_empty() {
+            let changes = if job.given_up.is_empty() && !job.is_short() {
                 vec![]
             } else {
                 vec![forgotten]

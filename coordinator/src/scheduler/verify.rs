@@ -243,6 +243,9 @@ impl Farm {
             let at_fault = job.failed_within(node).filter(|failed| *failed != worker).collect();
             changes = self.blame(job, changes, at_fault, vec![]);
         }
+        if reply == Delivered::Counted {
+            changes.extend(job.measured(delivery.memory_mb));
+        }
         Ok(Decision::new(reply, changes))
     }
 
@@ -370,6 +373,7 @@ impl Farm {
                         faults: standing.faults,
                         quarantine: Some(reason.clone()),
                         drained: standing.drained,
+                        rest: standing.rest,
                     });
                 }
             }
@@ -401,6 +405,7 @@ impl Farm {
             worker: other.record.id,
             standing: Standing {
                 drained: other.record.standing.drained,
+                rest: other.record.standing.rest,
                 ..Standing::default()
             },
         };

@@ -19,12 +19,14 @@ impl Farm {
             threads: worker.record.threads,
             renderer: worker.record.renderer.clone(),
             tags: worker.record.tags.clone(),
+            memory_mb: worker.record.memory_mb,
             token: worker.record.origin.token.clone(),
             machine: worker.record.origin.machine.clone(),
             verified: worker.record.standing.verified,
             faults: worker.record.standing.faults,
             quarantine: worker.record.standing.quarantine.clone(),
             drained: worker.record.standing.drained,
+            rest: worker.record.standing.rest,
             silent_ms: now.saturating_sub(worker.last_seen_ms),
             leases: self.held.of(worker.id()).count() as u32,
             jobs: self.held.of(worker.id()).map(|(job, _)| job).collect(),
@@ -60,6 +62,7 @@ impl Farm {
             threads: register.threads,
             renderer: register.renderer,
             tags: register.tags,
+            memory_mb: register.memory_mb,
             origin,
             standing: Standing::default(),
         };
@@ -68,6 +71,7 @@ impl Farm {
         if let Some(other) = held.first() {
             record.standing = Standing {
                 drained: false,
+                rest: None,
                 ..other.record.standing.clone()
             };
         }

@@ -25,7 +25,7 @@ pub(crate) struct Counts {
     jobs_ended: [AtomicU64; 3],
     leases: Mutex<Leases>,
     /// By kind, in the order of [`KINDS`].
-    failed_attempts: [AtomicU64; 4],
+    failed_attempts: [AtomicU64; 5],
     /// By what became of the delivery, in the order of [`DELIVERIES`].
     deliveries: [AtomicU64; 3],
 }
@@ -86,11 +86,12 @@ const ENDS: [(JobState, &str); 3] = [
 ];
 
 /// The kinds of failed attempts, and their names in figures.
-const KINDS: [(FailureKind, &str); 4] = [
+const KINDS: [(FailureKind, &str); 5] = [
     (FailureKind::Scene, "scene"),
     (FailureKind::Render, "render"),
     (FailureKind::Panic, "panic"),
     (FailureKind::Lost, "lost"),
+    (FailureKind::OutOfMemory, "out-of-memory"),
 ];
 
 impl Counts {
@@ -184,7 +185,7 @@ impl Counts {
     }
 
     /// Attempts at iterations that failed, by the name of their kind.
-    pub(crate) fn failed_attempts(&self) -> [(&'static str, u64); 4] {
+    pub(crate) fn failed_attempts(&self) -> [(&'static str, u64); 5] {
         std::array::from_fn(|kind| (KINDS[kind].1, self.failed_attempts[kind].load(Ordering::Relaxed)))
     }
 }

@@ -84,6 +84,9 @@ fn ended(state: JobState) -> &'static str {
 }
 
 fn judged(worker: &str, standing: &Standing) {
+    if let Some(rest) = standing.rest {
+        tracing::info!("{worker} is {rest}");
+    }
     match &standing.quarantine {
         Some(reason) => tracing::error!("{worker} is in quarantine: {reason}"),
         None if standing.drained => tracing::info!("{worker} is drained: it finishes what it holds and gets no more"),
@@ -105,6 +108,7 @@ fn failed(job: JobId, leaf: u32, attempt: &Attempt, worker: &str) {
         FailureKind::Scene => {
             tracing::warn!(%job, iteration, "iteration failed on {worker}: the scene is at fault: {message}")
         }
+        FailureKind::OutOfMemory => tracing::warn!(%job, iteration, "iteration failed on {worker}: {message}"),
         FailureKind::Panic => tracing::warn!(%job, iteration, "iteration failed on {worker}: it panicked: {message}"),
         FailureKind::Render => tracing::warn!(%job, iteration, "iteration failed on {worker}: {message}"),
     }
@@ -136,6 +140,10 @@ pub(super) fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<
     if let Some(renderer) = &now.renderer {
         let bound = other(|a, b| a.renderer != b.renderer);
         tell(bound, format!("it is bound to the renderer {renderer}"));
+    }
+    if let Some(memory) = now.memory_mb {
+        let text = format!("it was measured to take {memory} MiB of memory");
+        tell(other(|a, b| a.memory_mb != b.memory_mb), text);
     }
     if let Some(integrator) = &now.integrator {
         let settled = other(|a, b| a.integrator != b.integrator);
@@ -181,6 +189,7 @@ mod tests {
             integrator: None,
             warnings: vec![],
             after: None,
+            memory_mb: None,
         }
     }
 
@@ -197,6 +206,7 @@ mod tests {
             noise: Some(0.25),
         });
         now.iterations = 16;
+        now.memory_mb = Some(700);
         now.stop = Some(Stop {
             reason: StopReason::Noise,
             asked: 64,
@@ -207,6 +217,7 @@ mod tests {
                 "it is paused",
                 "its priority is 70 now",
                 "it is bound to the renderer 1.0 abc",
+                "it was measured to take 700 MiB of memory",
                 "its noise is 0.2500 at 16 iterations",
                 "it stops at 16 of 64 iterations: its noise target is met",
             ]

@@ -136,7 +136,7 @@ fn kept(record: &JobRecord, farm: &Farm) -> Vec<JobLogEntry> {
             FailureKind::Scene => "the scene is at fault: ",
             FailureKind::Panic => "the renderer panicked: ",
             FailureKind::Lost => "the worker was lost: ",
-            FailureKind::Render => "",
+            FailureKind::Render | FailureKind::OutOfMemory => "",
         };
         let worker = farm.worker_named(attempt.worker);
         JobLogEntry {

@@ -61,6 +61,7 @@ async fn register(service: &Arc<Service>) -> WorkerId {
         threads: 1,
         renderer: RENDERER.into(),
         tags: Default::default(),
+        memory_mb: None,
     };
     service.register(register, Origin::default()).await.unwrap()
 }

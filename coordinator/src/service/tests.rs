@@ -121,6 +121,7 @@ impl World {
             threads: 1,
             renderer: RENDERER.into(),
             tags: Default::default(),
+            memory_mb: None,
         };
         let worker = service.register(register, Origin::default()).await.unwrap();
         Self {
@@ -167,6 +168,7 @@ impl World {
             height: 1,
             digest: BlobHash::of(&image),
             totals: Totals::default(),
+            memory_mb: None,
         };
         (upload, image)
     }

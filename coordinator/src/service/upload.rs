@@ -175,6 +175,7 @@ pub(super) fn delivery(upload: &NodeUpload, unread: bool, copy: u64) -> Delivery
         copy,
         unread,
         totals: upload.totals,
+        memory_mb: upload.memory_mb,
     }
 }
 

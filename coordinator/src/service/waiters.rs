@@ -39,6 +39,7 @@ mod tests {
         Arc::new(Skill {
             renderer: renderer.into(),
             tags: Default::default(),
+            memory_mb: None,
         })
     }
 

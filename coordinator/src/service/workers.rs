@@ -6,7 +6,9 @@ use crate::scheduler::{Asked, Decision, Farm, Refusal, Skill};
 use photonfarm_proto::api::WorkerStatus;
 use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobSpec};
+use photonfarm_proto::memory::check_memory;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::rest::{Rest, Resting};
 use photonfarm_proto::schedule::{Schedule, check_tags};
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{
@@ -33,6 +35,9 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, "a worker's name has at most 255 bytes").into());
         }
         check_tags(&register.tags, "tags")?;
+        if let Some(memory_mb) = register.memory_mb {
+            check_memory(memory_mb, "memory_mb")?;
+        }
         self.transact(move |farm, now| farm.register(register.clone(), origin.clone(), now))
             .await
     }
@@ -157,6 +162,22 @@ impl Service {
         Ok(skill.ok_or(Refusal::UnknownWorker(asked.worker))?)
     }
 
+    /// A worker rests, and is alive.
+    pub async fn rest(self: &Arc<Self>, rest: Rest) -> Result<(), ServiceError> {
+        check_count(rest.held.len())?;
+        let asked = Asked {
+            worker: rest.worker,
+            serial: rest.serial,
+            held: rest.held,
+        };
+        let resting = Resting {
+            reason: rest.reason,
+            until_ms: rest.until_ms,
+        };
+        self.hear(&asked).await?;
+        self.transact(move |farm, _| farm.rest(&asked, resting)).await
+    }
+
     /// A sign of life; returns the leases that are lost.
     pub async fn heartbeat(self: &Arc<Self>, heartbeat: &Heartbeat) -> Result<Vec<LeaseToken>, ServiceError> {
         let (worker, leases) = (heartbeat.worker, heartbeat.leases.as_slice());
@@ -201,6 +222,7 @@ impl Service {
             leaf,
             kind,
             message,
+            shortage,
         } = report;
         if kind == FailureKind::Lost {
             return Err(Problem::new(ErrorCode::Invalid, "a worker cannot report itself lost").into());
@@ -211,6 +233,12 @@ impl Service {
             message: photonfarm_proto::worker::cut_text(message),
             at_ms: self.clock.now(),
         };
+        if kind == FailureKind::OutOfMemory {
+            let shortage = shortage.unwrap_or_default();
+            self.transact(move |farm, _| farm.out_of_memory(job, token, leaf, attempt.clone(), shortage))
+                .await?;
+            return self.transact(move |farm, now| Ok(farm.settle(job, now))).await;
+        }
         self.failed(job, token, leaf, attempt).await
     }
 

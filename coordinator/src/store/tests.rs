@@ -11,6 +11,7 @@ use photonfarm_proto::bundle::FileEntry;
 use photonfarm_proto::id::{LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, BandwidthRange, FailureKind, JobSpec, JobState, Totals};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::rest::{RestReason, Resting};
 use photonfarm_proto::schedule::{Checkpoint, Stop, StopReason};
 use photonfarm_proto::token::{Quota, Role, Usage};
 use photonfarm_test_servers::Postgres;
@@ -96,6 +97,7 @@ fn worker(id: u64) -> WorkerRecord {
         threads: 2,
         renderer: "1".into(),
         tags: ["gpu=no".to_owned()].into(),
+        memory_mb: Some(2048),
         origin: Origin {
             token: "rack".into(),
             machine: "10.0.0.7".into(),
@@ -117,6 +119,7 @@ pub(super) fn history() -> Vec<Vec<Change>> {
         },
         principal: Principal(u64::MAX - 5),
         repeated: true,
+        memory_mb: Some(2048),
     };
     vec![
         vec![Change::WorkerRegistered(worker(1)), Change::WorkerRegistered(worker(2))],
@@ -127,6 +130,10 @@ pub(super) fn history() -> Vec<Vec<Change>> {
                 faults: 1,
                 quarantine: Some("why".into()),
                 drained: true,
+                rest: Some(Resting {
+                    reason: RestReason::Hours,
+                    until_ms: Some(1_700_000_000_000),
+                }),
             },
         }],
         vec![Change::WorkerForgotten(WorkerId(2))],
@@ -137,6 +144,7 @@ pub(super) fn history() -> Vec<Vec<Change>> {
             control: JobControl {
                 iterations: 12,
                 renderer: Some("1+x".into()),
+                memory_mb: Some(700),
                 checkpoint: Some(Checkpoint {
                     iterations: 4,
                     noise: Some(0.25),
@@ -232,6 +240,7 @@ pub(super) fn short_life() -> Vec<Change> {
         attempt,
         principal: Principal(1),
         repeated: false,
+        memory_mb: None,
     };
     vec![
         Change::JobSubmitted(head(4, Some("short"))),

@@ -8,6 +8,7 @@ use photonfarm_proto::codec::{MESSAGE_MEDIA_TYPE, Message, decode, encode};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::rest::{Rest, RestReason};
 use photonfarm_proto::token::{NewToken, Quota, Role, TokenList, TokenRequest};
 use photonfarm_proto::worker::{
     FailureReport, Heartbeat, HeartbeatReply, LeaseProgress, LeaseReply, LeaseRequest, Leave, NodeUpload, Register,
@@ -111,6 +112,7 @@ const ROUTES: [(&str, &str, &[Role]); 47] = [
     ("PUT", "/v1/jobs/{id}/priority", SENDS),
     ("POST", "/v1/worker/register", WORKS),
     ("POST", "/v1/worker/lease", WORKS),
+    ("POST", "/v1/worker/rest", WORKS),
     ("POST", "/v1/worker/heartbeat", WORKS),
     ("POST", "/v1/worker/nodes", WORKS),
     ("POST", "/v1/worker/nodes/place", WORKS),
@@ -240,6 +242,7 @@ async fn nobody_speaks_for_a_worker_of_another_token() {
         threads: 1,
         renderer: photonfarm_proto::RENDERER.into(),
         tags: Default::default(),
+        memory_mb: None,
     };
     let registered = tell(&closed, &mine, "register", &register).await.bytes().await.unwrap();
     let worker = decode::<Registered>(&registered).unwrap().worker;
@@ -263,6 +266,7 @@ async fn nobody_speaks_for_a_worker_of_another_token() {
         height: 1,
         digest: BlobHash::of(b""),
         totals: Default::default(),
+        memory_mb: None,
     };
     let report = FailureReport {
         token,
@@ -271,13 +275,22 @@ async fn nobody_speaks_for_a_worker_of_another_token() {
         leaf: 0,
         kind: FailureKind::Scene,
         message: "no".into(),
+        shortage: None,
     };
     let leases = vec![LeaseProgress { token, leaves_done: 1 }];
+    let rest = Rest {
+        worker,
+        serial: 2,
+        held: vec![],
+        reason: RestReason::Hours,
+        until_ms: None,
+    };
     let raw = closed.by(&other, Method::POST, "worker/nodes");
     let raw = raw.header("content-type", MESSAGE_MEDIA_TYPE);
     let replies = [
         tell(&closed, &other, "lease", &ask).await,
         tell(&closed, &other, "heartbeat", &Heartbeat { worker, leases }).await,
+        tell(&closed, &other, "rest", &rest).await,
         tell(&closed, &other, "nodes/place", &upload).await,
         tell(&closed, &other, "nodes/stored", &upload).await,
         tell(&closed, &other, "statistics", &StatisticsRequest { token, worker, job }).await,

@@ -121,6 +121,7 @@ impl Farm {
             threads: 1,
             renderer: photonfarm_proto::RENDERER.to_owned(),
             tags: Default::default(),
+            memory_mb: None,
         };
         self.call::<_, Registered>("register", &register).await.worker
     }

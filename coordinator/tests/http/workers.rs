@@ -37,6 +37,7 @@ fn upload(assignment: &Assignment, node: &Node) -> (NodeUpload, Vec<u8>) {
         height: node.height,
         digest: BlobHash::of(&image),
         totals: Totals::default(),
+        memory_mb: None,
     };
     (announcement, image[NodeHeader::BYTES..].to_vec())
 }
@@ -251,6 +252,7 @@ async fn workers_of_another_version_and_garbage_are_refused() {
         threads: 1,
         renderer: "0.0.0+other".into(),
         tags: Default::default(),
+        memory_mb: None,
     };
     let mut frame = encode(&register).unwrap();
     expect_problem(farm.send("register", frame.clone()).await, ErrorCode::VersionMismatch).await;

@@ -47,6 +47,7 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
             threads: 8,
             renderer: "1".into(),
             tags: ["gpu".to_owned()].into(),
+            memory_mb: Some(2048),
         }),
         message(&LeaseRequest {
             worker,
@@ -73,6 +74,7 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
                 bandwidth: Some(BandwidthRange::one(0.5, Some(0.1))),
                 ..Totals::default()
             },
+            memory_mb: Some(100),
         }),
         message(&FailureReport {
             token,
@@ -81,6 +83,7 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
             leaf: 5,
             kind: FailureKind::Render,
             message: "pixel (1, 2) is not finite".into(),
+            shortage: None,
         }),
     ]
 }

@@ -25,12 +25,14 @@ fn messages() -> Vec<(&'static str, Vec<u8>)> {
         leaf: 0,
         kind: FailureKind::Render,
         message: "m".into(),
+        shortage: None,
     };
     let register = Register {
         name: "a".into(),
         threads: 1,
         renderer: "0".into(),
         tags: Default::default(),
+        memory_mb: None,
     };
     vec![
         ("/v1/worker/register", codec::encode(&register).unwrap()),
@@ -75,6 +77,7 @@ fn upload(worker: WorkerId, token: LeaseToken, job: JobId, node: NodeKey) -> Nod
         height: 2,
         digest,
         totals,
+        memory_mb: None,
     }
 }
 
@@ -120,6 +123,7 @@ fn uploads_that_must_not_count() {
         threads: 1,
         renderer: photonfarm_proto::RENDERER.to_owned(),
         tags: Default::default(),
+        memory_mb: None,
     };
     let Registered { worker, .. } = target.ask("/v1/worker/register", &register);
     let request = LeaseRequest {

@@ -54,6 +54,7 @@ impl Attacker {
             threads: 1,
             renderer: photonfarm_proto::RENDERER.to_owned(),
             tags: Default::default(),
+            memory_mb: None,
         };
         let Registered { worker, .. } = ask(client, "worker/register", &register).unwrap();
         let client = client.clone();
@@ -85,6 +86,7 @@ impl Attacker {
             height: node.height,
             digest: BlobHash::of(&encode_node(lease.job, node)),
             totals: Totals::default(),
+            memory_mb: None,
         }
     }
 

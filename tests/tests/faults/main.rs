@@ -7,5 +7,6 @@ mod deliveries;
 mod disk;
 mod hostile;
 mod kills;
+mod memory;
 mod network;
 mod restore;

@@ -14,6 +14,7 @@ use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::{BandwidthRange, JobSpec, JobState, JobStatus};
+use photonfarm_proto::schedule::Schedule;
 use photonfarm_test_servers::S3;
 use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
 use std::collections::{BTreeMap, BTreeSet};
@@ -298,11 +299,16 @@ impl Farm {
 
     /// A worker that may go on for so long when it is told to stop. Its cache is that of other workers of its name.
     pub(crate) fn worker_that_drains(&self, name: &str, limit: Duration) -> TestWorker {
+        self.worker_with(name, |config| config.drain = limit)
+    }
+
+    /// A worker of which something is to be otherwise than usual.
+    pub(crate) fn worker_with(&self, name: &str, change: impl FnOnce(&mut WorkerConfig)) -> TestWorker {
         let mut config = WorkerConfig::new(format!("http://{}", self.address), self.folder.path().join(name));
         config.name = name.into();
         config.threads = 1;
         config.renderer = Arc::new(Double(self.stage.clone()));
-        config.drain = limit;
+        change(&mut config);
         let drain = CancellationToken::new();
         let task = tokio::spawn(Worker::new(config).unwrap().run(drain.clone()));
         TestWorker { drain, task }
@@ -341,16 +347,30 @@ impl Farm {
 
     pub(crate) async fn submit(&self, scene: &[u8], iterations: u32) -> JobId {
         let integrator = IntegratorSettings::Pppm(PppmSettings::default());
-        self.submit_with(integrator, scene, iterations).await
+        self.submit_with(integrator, scene, iterations, Schedule::default())
+            .await
+    }
+
+    /// Submits a job that is to be scheduled otherwise than usual.
+    pub(crate) async fn submit_scheduled(&self, schedule: Schedule, iterations: u32) -> JobId {
+        let integrator = IntegratorSettings::Pppm(PppmSettings::default());
+        self.submit_with(integrator, b"good", iterations, schedule).await
     }
 
     /// Submits a job of which every iteration goes on from the one before.
     pub(crate) async fn submit_chain(&self, iterations: u32) -> JobId {
         let integrator = IntegratorSettings::Sppm(SppmSettings::default());
-        self.submit_with(integrator, b"good", iterations).await
+        self.submit_with(integrator, b"good", iterations, Schedule::default())
+            .await
     }
 
-    async fn submit_with(&self, integrator: IntegratorSettings, scene: &[u8], iterations: u32) -> JobId {
+    async fn submit_with(
+        &self,
+        integrator: IntegratorSettings,
+        scene: &[u8],
+        iterations: u32,
+        schedule: Schedule,
+    ) -> JobId {
         let files = [("scene.xml".to_owned(), FileEntry::of(scene))].into();
         let bundle = self
             .http
@@ -379,7 +399,7 @@ impl Farm {
             integrator: integrator.into(),
             iterations,
             seed: SEED,
-            schedule: Default::default(),
+            schedule,
             layers: Vec::new(),
             name: String::new(),
             labels: Default::default(),

@@ -4,7 +4,9 @@ mod after;
 mod chains;
 mod costs;
 mod histories;
+mod memory;
 mod principals;
+mod rest;
 mod rules;
 mod steering;
 mod verification;
@@ -40,6 +42,7 @@ fn introduction() -> Register {
         threads: 1,
         renderer: "1+a".into(),
         tags: Default::default(),
+        memory_mb: None,
     }
 }
 
@@ -83,6 +86,7 @@ fn delivery(lease: &LeaseRecord, node: NodeKey) -> Delivery {
             seconds,
             ..Totals::default()
         },
+        memory_mb: None,
     }
 }
 

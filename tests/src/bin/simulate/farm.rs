@@ -91,6 +91,7 @@ impl Farm {
             threads: 1,
             renderer: photonfarm_proto::RENDERER.to_owned(),
             tags: BTreeSet::new(),
+            memory_mb: None,
         };
         let registered: Registered = self.call("register", &register).await?;
         ensure!(
@@ -153,6 +154,7 @@ impl Farm {
             height: planes.height,
             digest,
             totals,
+            memory_mb: None,
         };
         let parts: [Result<Bytes, std::io::Error>; 2] = [Ok(frame_upload(&upload)?.into()), Ok(planes.bytes.clone())];
         let body = Body::wrap_stream(futures_util::stream::iter(parts));
