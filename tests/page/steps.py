@@ -268,6 +268,7 @@ def workers(visit, _):
     enter(page, farm.admin)
     page.wait_for_selector("#connection:has-text('live')")
     visit.go("#/workers")
+    page.wait_for_selector("td:has-text('MiB'), td:has-text('GiB')")
     page.locator("button:has-text('Drain'):visible").first.click()
     page.wait_for_selector("td:text-is('drained'), td:has-text('finishes')")
     visit.picture("workers")

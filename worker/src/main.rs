@@ -55,7 +55,7 @@ struct Options {
     /// Take work only while others leave the machine alone: other processes use no more than so many percent of its
     /// processors. They count after a quarter of a minute, and are gone after two minutes without them.
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, value_parser = percent,
-          default_missing_value = "10")]
+          default_missing_value = OTHERS_PERCENT)]
     idle_only: Option<f64>,
     /// Seconds that a worker that is told to stop may go on: three quarters of them with the iteration at hand, the rest with
     /// the delivery of what is done. What is not delivered then is kept in the cache's folder and delivered at the next start
@@ -235,7 +235,7 @@ mod tests {
             Options::try_parse_from(line.iter().chain(more)).map_err(|error| error.to_string())
         };
         let options = parse(&["--hours", "mon-fri 19:00-07:00", "--idle-only", "--memory", "2048"]).unwrap();
-        assert_eq!((options.idle_only, options.memory), (Some(OTHERS_PERCENT), Some(2048)));
+        assert_eq!((options.idle_only, options.memory), (Some(10.0), Some(2048)));
         assert_eq!(options.hours.unwrap().to_string(), "mon-fri 19:00-07:00");
         assert_eq!(parse(&["--idle-only=25.5"]).unwrap().idle_only, Some(25.5));
         for (option, reason) in [

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Share of the processors that others may use, unless it is told otherwise [percent].
-pub const OTHERS_PERCENT: f64 = 10.0;
+pub const OTHERS_PERCENT: &str = "10";
 /// Time between two looks.
 pub(crate) const LOOK: Duration = Duration::from_secs(5);
 /// Looks in a row that must show others at work before they count: a short command is nobody who works here.

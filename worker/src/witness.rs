@@ -252,6 +252,8 @@ pub(crate) async fn report_killed(client: &Client, cache: &Cache, stop: &Cancell
         let found = match read(&path) {
             Ok(Some(found)) if found.contents.coordinator == client.coordinator() => found,
             Ok(_) => continue,
+            // Another process on the folder was faster.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             Err(error) => {
                 tracing::warn!(path = %path.display(), %error, "what an earlier process was at cannot be read");
                 let _gone = std::fs::remove_file(&path);

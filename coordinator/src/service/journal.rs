@@ -4,6 +4,7 @@ use crate::scheduler::Farm;
 use crate::scheduler::record::{Change, JobControl, LeaseRecord, Loss, Standing};
 use photonfarm_proto::id::{JobId, WorkerId};
 use photonfarm_proto::job::{Attempt, FailureKind, JobState};
+use photonfarm_proto::memory::step_up;
 use photonfarm_proto::schedule::StopReason;
 
 /// Logs a change that is about to be applied to the farm.
@@ -143,7 +144,7 @@ pub(super) fn differences(before: Option<&JobControl>, now: &JobControl) -> Vec<
     }
     if let Some(memory) = now.memory_mb {
         let text = format!("it was measured to take {memory} MiB of memory");
-        tell(other(|a, b| a.memory_mb != b.memory_mb), text);
+        tell(other(|a, b| a.memory_mb.map(step_up) != b.memory_mb.map(step_up)), text);
     }
     if let Some(integrator) = &now.integrator {
         let settled = other(|a, b| a.integrator != b.integrator);

@@ -8,8 +8,10 @@ use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::codec::{Message, encode};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{BandwidthRange, FailureKind, JobSpec, Totals};
+use photonfarm_proto::memory::Shortage;
 use photonfarm_proto::node::{NodeKey, encode_node};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::rest::{Rest, RestReason};
 use photonfarm_proto::worker::{
     Assignment, FailureReport, Heartbeat, Lease, LeaseProgress, LeaseReply, LeaseRequest, NodeUpload, Register,
 };
@@ -83,7 +85,17 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
             leaf: 5,
             kind: FailureKind::Render,
             message: "pixel (1, 2) is not finite".into(),
-            shortage: None,
+            shortage: Some(Shortage {
+                held_mb: Some(700),
+                has_mb: None,
+            }),
+        }),
+        message(&Rest {
+            worker,
+            serial: 7,
+            held: vec![token],
+            reason: RestReason::Hours,
+            until_ms: Some(1_764_529_200_000),
         }),
     ]
 }

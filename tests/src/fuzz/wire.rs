@@ -7,6 +7,7 @@ use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::limits::Limits;
 use photonfarm_proto::node::{decode_node, encode_node};
 use photonfarm_proto::problem::Problem;
+use photonfarm_proto::rest::Rest;
 use photonfarm_proto::token::{NewToken, TokenList, TokenRequest};
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Heartbeat, HeartbeatReply, LeaseReply, LeaseRequest, Leave, NodePlace, NodeReply,
@@ -40,6 +41,7 @@ pub(super) fn message(bytes: &[u8]) {
     survives::<NodePlace>(bytes);
     survives::<StatisticsRequest>(bytes);
     survives::<SceneReport>(bytes);
+    survives::<Rest>(bytes);
     let values = bytes.len().saturating_sub(32) / 4;
     if let Some(statistics) = read_statistics(bytes, values) {
         assert_eq!(statistics_body(&statistics), bytes);
