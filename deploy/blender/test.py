@@ -1,85 +1,33 @@
 """What `test` does within Blender."""
 
 import os
-import pathlib
-import subprocess
 import sys
 import threading
 import time
 import traceback
 
 import bpy
-import mathutils
-import numpy
 
-FOLDER, URL, PROGRAM = pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3]
-MODULE = "bl_ext.user_default.photonfarm"
-WIDTH, HEIGHT = 64, 48
-
-
-def token(role):
-    return (FOLDER / f"{role}.token").read_text().strip()
-
-
-def install():
-    """By the packed extension, as the preferences' "Install from Disk" does it."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    result = bpy.ops.extensions.package_install_files(
-        filepath=str(FOLDER / "one.zip"), repo="user_default", enable_on_install=True, overwrite=True
-    )
-    assert result == {"FINISHED"}, result
-    bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
-    preferences = bpy.context.preferences.addons[MODULE].preferences
-    assert preferences.bl_rna.properties["token"].subtype == "PASSWORD"
-    preferences.program, preferences.threads, preferences.farm, preferences.token = PROGRAM, 1, URL, token("submit")
-    return preferences
-
-
-def node_material(name, kind, **inputs):
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    tree = made.node_tree
-    shader = tree.nodes["Principled BSDF"]
-    if kind != "ShaderNodeBsdfPrincipled":
-        shader = tree.nodes.new(kind)
-        tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
-    for key, value in inputs.items():
-        shader.inputs[key.replace("_", " ")].default_value = value
-    return made
-
-
-def add_light(kind, energy, location, **settings):
-    data = bpy.data.lights.new(kind.title(), kind)
-    data.energy = energy
-    for key, value in settings.items():
-        setattr(data, key, value)
-    thing = bpy.data.objects.new(kind.title(), data)
-    bpy.context.collection.objects.link(thing)
-    thing.location = location
-    return thing
-
-
-def world(color):
-    made = bpy.data.worlds.new("World")
-    made.use_nodes = True
-    made.node_tree.nodes["Background"].inputs["Color"].default_value = (*color, 1.0)
-    bpy.context.scene.world = made
-
-
-def clear():
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
-    scene = bpy.context.scene
-    data = bpy.data.cameras.new("Camera")
-    scene.camera = bpy.data.objects.new("Camera", data)
-    bpy.context.collection.objects.link(scene.camera)
-    scene.camera.location = (0, -6.5, 2.5)
-    scene.camera.rotation_euler = (mathutils.Vector((0, 6.5, -1.5))).to_track_quat("-Z", "Y").to_euler()
-    scene.render.engine = "PHOTONFARM"
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 2 * WIDTH, 2 * HEIGHT, 50
-    world((0.0, 0.0, 0.0))
-    return scene
-
+import test_pixels
+from test_support import (
+    FOLDER,
+    MODULE,
+    PROGRAM,
+    TLS_URL,
+    URL,
+    add_light,
+    by_command,
+    clear,
+    exr,
+    expect_error,
+    expect_same,
+    install,
+    node_material,
+    passes_of_render,
+    render,
+    token,
+    world,
+)
 
 def glass_ball():
     """A ball of glass on a floor, below a lamp."""
@@ -93,56 +41,6 @@ def glass_ball():
     scene.photonfarm.integrator, scene.photonfarm.iterations, scene.photonfarm.photons = "pppm", 4, 20000
     scene.photonfarm.preview = 1.0
     return scene
-
-
-def passes_of_render():
-    """The pixels of the passes that F12's result holds, the top line first."""
-    scene = bpy.context.scene
-    scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
-    scene.render.image_settings.color_depth = "32"
-    path = FOLDER / "result.exr"
-    bpy.data.images["Render Result"].save_render(str(path), scene=scene)
-    return exr().read(path.read_bytes())
-
-
-def exr():
-    return sys.modules[f"{MODULE}.exr"]
-
-
-def render():
-    assert bpy.ops.render.render() == {"FINISHED"}
-
-
-def expect_same(found, reference, what):
-    """All channels of the reference are there, in some layer, with the same bits."""
-    names = {"R": "Combined.R", "G": "Combined.G", "B": "Combined.B", "standard_error": ("Standard Error.X", "Standard Error.V")}
-    assert reference["R"].shape == (HEIGHT, WIDTH) and reference["R"].mean() > 0
-    for name, channel in reference.items():
-        matching = [found[key] for key in found if key.endswith(names[name])]
-        assert len(matching) == 1, (what, name, sorted(found))
-        assert matching[0].tobytes() == channel.tobytes(), f"{what}: {name} differs"
-    print(f"{what}: {len(reference)} channels with the same bits", flush=True)
-
-
-def expect_error(words, action, *arguments):
-    try:
-        action(*arguments)
-    except RuntimeError as error:
-        assert words in str(error), f"{words!r} is not in: {error}"
-        print("as it should be:", str(error).strip(), flush=True)
-    else:
-        raise AssertionError(f"no error about {words!r}")
-
-
-def by_command(scene, name):
-    """What the program makes of the same GLB."""
-    exported = sys.modules[f"{MODULE}.export"].export(scene)
-    rendering = sys.modules[f"{MODULE}.rendering"]
-    glb, picture = FOLDER / f"{name}.glb", FOLDER / f"{name}.exr"
-    glb.write_bytes(exported.data)
-    arguments = rendering.Wish(exported, scene.photonfarm, "").arguments(glb, picture)
-    subprocess.run([PROGRAM, *arguments, "--threads", "1"], check=True, capture_output=True)
-    return exr().read(picture.read_bytes()), exported
 
 
 def test_render(scene):
@@ -250,6 +148,57 @@ def test_stop(scene):
     print("stop: as it should be", flush=True)
 
 
+class Escaped:
+    """The engine, while somebody has pressed Esc as soon as something was shown."""
+
+    def __init__(self, engine, shown):
+        self.engine, self.shown = engine, shown
+
+    def __getattr__(self, name):
+        return getattr(self.engine, name)
+
+    def test_break(self):
+        return bool(self.shown)
+
+
+def test_escape(scene):
+    """Esc during F12: what was rendered until then stays, the job of a farm is cancelled, and the program on this computer has ended."""
+    engine = sys.modules[f"{MODULE}.engine"]
+    kind, begin, works = engine.PhotonfarmEngine, engine.begin, []
+    follow = kind._follow
+    scene.photonfarm.iterations = 100_000
+    engine.begin = lambda *arguments: works.append(begin(*arguments)) or works[-1]
+    for where in ("LOCAL", "FARM"):
+        shown, show = [], engine.show
+        engine.show = lambda *arguments: (show(*arguments), shown.append(1))
+        kind._follow = lambda self, *arguments: follow(Escaped(self, shown), *arguments)
+        scene.photonfarm.where = where
+        try:
+            render()
+        finally:
+            engine.show, kind._follow = show, follow
+        picture = passes_of_render()
+        assert len(shown) == 1 and any(channel.mean() > 0 for name, channel in picture.items() if name.endswith("Combined.G"))
+    local, remote = works
+    assert local.process.returncode is not None and not local.folder.exists()
+    assert remote.farm.status(remote.job)["state"] == "cancelled"
+    engine.begin, scene.photonfarm.iterations = begin, 4
+    print("escape: as it should be", flush=True)
+
+
+def test_tls(scene, preferences):
+    """A farm that made its certificate itself: without the certificate nothing is sent there, with it the pixels are the same."""
+    reference, _ = by_command(scene, "encrypted")
+    scene.photonfarm.where, preferences.farm = "FARM", TLS_URL
+    expect_error("CERTIFICATE_VERIFY_FAILED", bpy.ops.photonfarm.submit)
+    preferences.authority = str(FOLDER / "no.pem")
+    expect_error("cannot be read", bpy.ops.photonfarm.submit)
+    preferences.authority = str(FOLDER / "farm.pem")
+    render()
+    expect_same(passes_of_render(), reference, "F12, encrypted farm")
+    preferences.farm, preferences.authority = URL, ""
+
+
 def test_animation():
     """Render Animation: each frame is the scene at that frame."""
     scene = clear()
@@ -270,66 +219,6 @@ def test_animation():
         references.append(by_command(scene, f"animated-{frame}")[0])
         expect_same(exr().read((FOLDER / f"frame{frame:04}.exr").read_bytes()), references[-1], f"frame {frame}")
     assert (references[0]["G"] != references[1]["G"]).any()
-
-
-def test_world():
-    """In an even world of radiance L a matt ball of reflectance a has radiance a L, and all else L."""
-    scene = clear()
-    bpy.ops.mesh.primitive_uv_sphere_add(radius=2, location=(0, 0, 1), segments=64, ring_count=32)
-    bpy.context.object.data.materials.append(node_material("Matt", "ShaderNodeBsdfDiffuse", Color=(0.5, 0.5, 0.5, 1.0)))
-    world((0.2, 0.4, 0.8))
-    scene.photonfarm.integrator, scene.photonfarm.iterations = "path", 16
-    picture, exported = by_command(scene, "world")
-    for name, radiance in (("R", 0.2), ("G", 0.4), ("B", 0.8)):
-        middle, corner = picture[name][20:28, 28:36].mean(), picture[name][:4, :4].mean()
-        assert abs(corner - radiance) < 1e-4, (name, corner)
-        assert abs(middle - radiance / 2) < 0.01 * radiance, (name, middle)
-    print("world: as it should be", flush=True)
-
-
-def test_area_light():
-    """A lamp of type area sends its power down, as Cycles has it, and nothing up."""
-    scene = clear()
-    # A floor below and a ceiling above the lamp, both seen from the side.
-    for z in (0.0, 4.0):
-        bpy.ops.mesh.primitive_plane_add(size=8, location=(0, 0, z))
-        bpy.context.object.data.materials.append(node_material("Plane", "ShaderNodeBsdfDiffuse", Color=(0.8, 0.8, 0.8, 1.0)))
-    add_light("AREA", 100.0, (0, 0, 2.0), shape="DISK", size=0.5)
-    scene.camera.location, scene.camera.rotation_euler = (0, -9, 2), (1.5707963, 0, 0)
-    scene.photonfarm.integrator, scene.photonfarm.iterations = "path", 64
-    ours, exported = by_command(scene, "area")
-    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 64, False
-    scene.cycles.sample_clamp_indirect, scene.cycles.use_adaptive_sampling = 0.0, False
-    render()
-    theirs = passes_of_render()
-    for part, rows in (("ceiling", slice(0, 12)), ("floor", slice(36, 48))):
-        ratio = ours["G"][rows].mean() / next(theirs[name] for name in theirs if name.endswith("Combined.G"))[rows].mean()
-        print(f"area lamp, {part}: {ratio:.3f} of Cycles", flush=True)
-        # Light that the floor sends up passes through the lamp in Cycles, and not here.
-        assert 0.9 < ratio < 1.02 if part == "ceiling" else abs(ratio - 1) < 0.02, (part, ratio)
-
-
-def test_motion():
-    """What moves is blurred where the scene asks for it."""
-    scene = clear()
-    bpy.ops.mesh.primitive_cube_add(size=1, location=(-1, 0, 1))
-    cube = bpy.context.object
-    cube.keyframe_insert("location", frame=9)
-    cube.location.x = 1
-    cube.keyframe_insert("location", frame=11)
-    world((1.0, 1.0, 1.0))
-    scene.frame_set(10)
-    scene.photonfarm.integrator, scene.photonfarm.iterations = "path", 16
-    sharp, _ = by_command(scene, "sharp")
-    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
-    blurred, exported = by_command(scene, "blurred")
-    scene.render.use_motion_blur = False
-    assert exported.defines["frame"] == "10", exported.defines
-    dark = [(picture["G"] < 0.98).any(axis=0).sum() for picture in (sharp, blurred)]
-    assert dark[1] > dark[0] + 5, dark
-    middle = [numpy.average(numpy.arange(WIDTH), weights=(1 - picture["G"]).sum(axis=0)) for picture in (sharp, blurred)]
-    assert abs(middle[0] - middle[1]) < 1, middle
-    print("motion: as it should be", flush=True)
 
 
 class Timers:
@@ -389,10 +278,17 @@ def main():
     test_cancel(scene)
     test_sharpening(scene)
     test_stop(scene)
+    test_escape(scene)
+    test_tls(scene, preferences)
     test_animation()
-    test_world()
-    test_motion()
-    test_area_light()
+    for test in (
+        test_pixels.test_world,
+        test_pixels.test_motion,
+        test_pixels.test_area_light,
+        test_pixels.test_point_light,
+        test_pixels.test_world_image,
+    ):
+        test()
     bpy.ops.preferences.addon_disable(module=MODULE)
     print("all is well", flush=True)
 

@@ -9,9 +9,9 @@ import mathutils
 import numpy
 
 from .glb import Glb
+from .shapes import icosphere
+from .world import TO_GLTF, add_world
 
-# From Blender's axes (z up) to those of glTF (y up).
-TO_GLTF = mathutils.Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 # Shaders that Blender's exporter does not know.
 SHADERS = {"BSDF_GLASS", "BSDF_REFRACTION", "BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_DIFFUSE"}
 DISC_SIDES = 48
@@ -71,7 +71,7 @@ def export(scene, view_layer=None):
     _choose_camera(glb, scene, notes)
     _shaders(glb, notes)
     _lights(glb, depsgraph, notes)
-    _world(glb, scene, depsgraph, notes)
+    add_world(glb, scene, depsgraph, notes)
     _left_out(depsgraph, notes)
     return Exported(glb.bytes(), defines, notes)
 
@@ -181,21 +181,23 @@ def _surface(material):
 
 
 def _lights(glb, depsgraph, notes):
-    """Lights of type area, which glTF has not: surfaces that shine to one side. Others lose their size."""
-    sizes = set()
+    """Lights with a size, which glTF has not: surfaces that shine. Spots and suns lose their size."""
+    sizes, balls = set(), set()
     for instance in depsgraph.object_instances:
         thing = instance.object
         if thing.type != "LIGHT" or thing.hide_render:
             continue
         light = thing.data
-        if light.type != "AREA":
-            extent = light.angle if light.type == "SUN" else light.shadow_soft_size
-            if extent > 0:
-                sizes.add(thing.name)
-            continue
-        _area_light(glb, thing.name, light, instance.matrix_world.copy())
+        if light.type == "AREA":
+            _area_light(glb, thing.name, light, instance.matrix_world.copy())
+        elif light.type == "POINT" and light.shadow_soft_size > 0:
+            balls.add(light.name)
+            _ball(glb, thing.name, light, instance.matrix_world.translation)
+        elif (light.angle if light.type == "SUN" else light.shadow_soft_size) > 0:
+            sizes.add(thing.name)
+    glb.remove_lights(balls)
     if sizes:
-        notes.append(f"the size of lights: {', '.join(sorted(sizes))} cast sharp shadows; lights of type Area keep theirs")
+        notes.append(f"the size of lights: {', '.join(sorted(sizes))} cast sharp shadows; lights of type Area and Point keep theirs")
 
 
 def _left_out(depsgraph, notes):
@@ -208,6 +210,18 @@ def _left_out(depsgraph, notes):
         output = material.node_tree.get_output_node("ALL") if material.users and material.use_nodes else None
         if output and output.inputs["Volume"].is_linked:
             notes.append(f"material {material.name!r}: its volume is empty space")
+
+
+def _ball(glb, name, light, middle):
+    """A point light with a radius: a ball that shines, with the power of the light."""
+    points, triangles = icosphere(2)
+    points = points * light.shadow_soft_size
+    a, b, c = (points[triangles[:, corner]] for corner in range(3))
+    area = numpy.linalg.norm(numpy.cross(b - a, c - a), axis=1).sum() / 2
+    radiance = [light.energy * channel / (math.pi * area) for channel in light.color]
+    # Both kinds of axes are right-handed, so that triangles keep their fronts.
+    points = (points + numpy.array(middle)) @ numpy.array(TO_GLTF.to_3x3()).T
+    glb.add_mesh(name, [(points, triangles, glb.emission(name, radiance))])
 
 
 def _area_light(glb, name, light, place):
@@ -233,77 +247,3 @@ def _area_light(glb, name, light, place):
     parts = [(shining, fan, glb.emission(name, radiance)), (sheet, fan, glb.emission(f"{name} (back)", (0, 0, 0)))]
     for part in parts:
         glb.add_mesh(name, [part])
-
-
-def _world(glb, scene, depsgraph, notes):
-    """A colour that comes from everywhere: a dome about all there is. glTF has no world."""
-    color = _world_color(scene.world, notes)
-    if not any(channel > 0 for channel in color):
-        return
-    middle, radius = _sphere(scene, depsgraph)
-    points, triangles = _icosphere(4)
-    points = points * radius * 1.05 + numpy.array(TO_GLTF @ middle)
-    # It shines inwards.
-    glb.add_mesh("World", [(points, triangles[:, ::-1], glb.emission("World", color))])
-
-
-def _world_color(world, notes):
-    if world is None:
-        return (0.0, 0.0, 0.0)
-    if not world.use_nodes:
-        return tuple(world.color)
-    output = next((node for node in world.node_tree.nodes if node.type == "OUTPUT_WORLD" and node.is_active_output), None)
-    links = output.inputs["Surface"].links if output else ()
-    if not links:
-        return (0.0, 0.0, 0.0)
-    background = links[0].from_node
-    if background.type != "BACKGROUND" or any(socket.is_linked for socket in background.inputs):
-        notes.append("the world: only one colour with a strength is carried, no image, no sky; it is black")
-        return (0.0, 0.0, 0.0)
-    strength = background.inputs["Strength"].default_value
-    return tuple(channel * strength for channel in background.inputs["Color"].default_value[:3])
-
-
-def _sphere(scene, depsgraph):
-    """A sphere about everything that is rendered, lights and the camera included."""
-    points = [scene.camera.matrix_world.translation.copy()]
-    for instance in depsgraph.object_instances:
-        thing = instance.object
-        corners = [mathutils.Vector(corner) for corner in thing.bound_box] if thing.type != "LIGHT" else []
-        points += [instance.matrix_world @ corner for corner in corners or [mathutils.Vector()]]
-    low = mathutils.Vector([min(point[i] for point in points) for i in range(3)])
-    high = mathutils.Vector([max(point[i] for point in points) for i in range(3)])
-    middle = (low + high) / 2
-    return middle, max(max((point - middle).length for point in points), 1e-3)
-
-
-def _icosphere(levels):
-    """Points of the unit sphere and triangles that face outwards."""
-    golden = (1 + math.sqrt(5)) / 2
-    points = [(-1, golden, 0), (1, golden, 0), (-1, -golden, 0), (1, -golden, 0)]
-    points += [(z, x, y) for x, y, z in points] + [(y, z, x) for x, y, z in points]
-    points = [mathutils.Vector(point).normalized() for point in points]
-    edge = (points[0] - points[1]).length * 1.01
-    near = lambda i, j: (points[i] - points[j]).length < edge
-    triangles = []
-    for i in range(12):
-        for j in range(i + 1, 12):
-            for k in range(j + 1, 12):
-                if near(i, j) and near(j, k) and near(i, k):
-                    out = (points[j] - points[i]).cross(points[k] - points[i]).dot(points[i]) > 0
-                    triangles.append((i, j, k) if out else (i, k, j))
-    for _ in range(levels):
-        halves, finer = {}, []
-
-        def half(i, j):
-            key = min(i, j), max(i, j)
-            if key not in halves:
-                halves[key] = len(points)
-                points.append((points[i] + points[j]).normalized())
-            return halves[key]
-
-        for i, j, k in triangles:
-            a, b, c = half(i, j), half(j, k), half(k, i)
-            finer += [(i, a, c), (a, j, b), (c, b, k), (a, b, c)]
-        triangles = finer
-    return numpy.array(points), numpy.array(triangles)

@@ -6,6 +6,7 @@ import struct
 import numpy
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+LIGHTS = "KHR_lights_punctual"
 EMISSIVE, SPECULAR = "KHR_materials_emissive_strength", "KHR_materials_specular"
 
 
@@ -55,8 +56,8 @@ class Glb:
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
         return self._append("accessors", accessor)
 
-    def emission(self, name, radiance):
-        """A black material that shines with a radiance (red, green, blue)."""
+    def emission(self, name, radiance, texture=None):
+        """A black material that shines with a radiance (red, green, blue), times a texture."""
         strength = max(*radiance, 0.0)
         factor = [value / strength if strength else 0.0 for value in radiance]
         self.uses(EMISSIVE)
@@ -67,15 +68,35 @@ class Glb:
             "emissiveFactor": factor,
             "extensions": {EMISSIVE: {"emissiveStrength": strength}, SPECULAR: {"specularFactor": 0}},
         }
+        if texture is not None:
+            material["emissiveTexture"] = {"index": texture}
         return self._append("materials", material)
 
+    def add_texture(self, name, data):
+        """Adds an image of any kind that Photonfarm reads, as a texture that repeats."""
+        self.binary += b"\0" * (-len(self.binary) % 4)
+        view = self._append("bufferViews", {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data)})
+        self.binary += data
+        return self._append("textures", {"source": self._append("images", {"name": name, "bufferView": view})})
+
+    def remove_lights(self, names):
+        """Takes the lights with these names from their nodes."""
+        lights = self.document.get("extensions", {}).get(LIGHTS, {}).get("lights", [])
+        for node in self.document.get("nodes", []):
+            index = node.get("extensions", {}).get(LIGHTS, {}).get("light")
+            if index is not None and lights[index].get("name") in names:
+                del node["extensions"][LIGHTS]
+
     def add_mesh(self, name, parts):
-        """Adds a node with a mesh in glTF's world, of parts: positions (n x 3), triangles (m x 3) and a material."""
+        """Adds a node with a mesh in glTF's world, of parts: positions (n x 3), triangles (m x 3), a material, and for one with a texture
+        coordinates in it (n x 2)."""
         primitives = []
-        for positions, triangles, material in parts:
+        for positions, triangles, material, *coordinates in parts:
             positions = numpy.ascontiguousarray(positions, dtype="<f4")
             indices = numpy.ascontiguousarray(triangles, dtype="<u4").ravel()
             attributes = {"POSITION": self._accessor(positions, "VEC3", 5126)}
+            for uv in coordinates:
+                attributes["TEXCOORD_0"] = self._accessor(numpy.ascontiguousarray(uv, dtype="<f4"), "VEC2", 5126)
             primitives.append({"attributes": attributes, "indices": self._accessor(indices, "SCALAR", 5125), "material": material})
         mesh = self._append("meshes", {"name": name, "primitives": primitives})
         node = self._append("nodes", {"name": name, "mesh": mesh})
