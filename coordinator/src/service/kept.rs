@@ -15,7 +15,7 @@ impl Service {
     pub(super) async fn kept_picture(
         &self,
         job: &Job,
-        format: ImageFormat,
+        format: &ImageFormat,
         etag: &str,
     ) -> Result<Option<(u64, BlobReader)>, ServiceError> {
         if job.ended_ms().is_none() || !format.is_kept() {
@@ -45,7 +45,7 @@ impl Service {
     pub(super) async fn keep_picture(
         self: &Arc<Self>,
         (job, ended_ms): (JobId, Millis),
-        format: ImageFormat,
+        format: &ImageFormat,
         etag: &str,
         bytes: Bytes,
     ) {
@@ -57,7 +57,7 @@ impl Service {
     async fn try_keep(
         self: &Arc<Self>,
         (job, ended_ms): (JobId, Millis),
-        format: ImageFormat,
+        format: &ImageFormat,
         etag: &str,
         bytes: Bytes,
     ) -> Result<(), ServiceError> {

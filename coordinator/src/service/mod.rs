@@ -9,6 +9,7 @@ mod ended_tests;
 mod error;
 mod fold;
 mod garbage;
+mod glance;
 mod history;
 mod image;
 mod jobs;
@@ -19,6 +20,7 @@ mod merge;
 mod nodes;
 mod noise;
 mod obstacles;
+mod preview;
 mod raw;
 mod retention;
 mod scenes;
@@ -29,6 +31,7 @@ mod stored;
 #[cfg(test)]
 pub(crate) mod tests;
 mod upload;
+mod views;
 mod waiters;
 #[cfg(test)]
 mod window_tests;
@@ -36,6 +39,7 @@ mod workers;
 
 pub(crate) use counts::{Durations, LEASE_SECONDS};
 pub use error::ServiceError;
+pub(crate) use glance::Glance;
 pub use image::{ImageFormat, Picture, PictureFile};
 pub(crate) use obstacles::Part;
 pub use retention::Keep;
@@ -90,6 +94,8 @@ pub struct Service {
     at_hand: at_hand::AtHand,
     uploads: Semaphore,
     pictures: Semaphore,
+    views: views::Views,
+    glances: glance::Glances,
     /// Held while the picture of a job that has ended is made.
     finishing: Mutex<()>,
     shared: shared::Shared,
@@ -153,6 +159,8 @@ impl Service {
             at_hand: at_hand::AtHand::default(),
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
+            views: views::Views::default(),
+            glances: glance::Glances::default(),
             finishing: Mutex::default(),
             shared: shared::Shared::default(),
             obstacles: obstacles::Obstacles::default(),
@@ -170,6 +178,7 @@ impl Service {
         if service.take_lead().await? {
             service.sweep().await?;
         }
+        service.look_at_stores().await;
         Ok(service)
     }
 

@@ -4,10 +4,11 @@
 //! database meanwhile, as a backup does. That file also tells whether the farm was restored or copied: whatever copies
 //! it cannot copy the time of its last change (`ctime`).
 
+use super::room::room_at;
 use super::sql::{Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
 use super::{
-    Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, check_file,
+    Announced, Commit, EndedJob, PictureRecord, Room, Sequence, StateStore, StoreError, TokenRecord, check_file,
     not_writable, sql_bundles, sql_farm, sql_jobs, sql_pictures, sql_tokens,
 };
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
@@ -134,6 +135,7 @@ pub struct SqliteStore {
     /// None once closed.
     open: Arc<Mutex<Option<Open>>>,
     identity: FarmIdentity,
+    path: PathBuf,
 }
 
 /// An open database. The lock ends after the connection.
@@ -190,6 +192,7 @@ impl SqliteStore {
         Ok(Self {
             open: Arc::new(Mutex::new(Some(open))),
             identity,
+            path: path.to_owned(),
         })
     }
 
@@ -541,5 +544,9 @@ impl StateStore for SqliteStore {
 
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
         self.ask(|queries| Box::pin(sql_pictures::live_images(queries))).await
+    }
+
+    async fn room(&self) -> Result<Option<Room>, StoreError> {
+        room_at(self.path.clone()).await
     }
 }
