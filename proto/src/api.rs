@@ -164,12 +164,69 @@ pub struct FarmNews {
     pub gone: Vec<JobId>,
     /// All workers, if something changed.
     pub workers: Option<Vec<WorkerStatus>>,
-    /// Iterations of all jobs that are not paused and that nobody has rendered yet.
+    /// The farm in figures.
     #[serde(default)]
-    pub pending_iterations: u64,
+    pub figures: FarmFigures,
     /// What keeps the whole farm from going on.
     #[serde(default)]
     pub obstacles: Vec<Obstacle>,
+}
+
+/// A farm in figures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FarmFigures {
+    /// Jobs of which nothing was handed out yet.
+    pub jobs_queued: u64,
+    /// Jobs of which work was handed out, and that have not ended.
+    pub jobs_running: u64,
+    /// Workers heard of lately.
+    pub workers: u64,
+    /// Those of them that hold leases.
+    pub workers_at_work: u64,
+    /// Iterations of all jobs that are not paused and that nobody has rendered yet.
+    pub pending_iterations: u64,
+    /// Iterations per second of wall-clock time of all workers, lately.
+    pub iterations_per_second: f64,
+    /// Bytes of the images and pictures of all jobs, as of ten minutes ago at most; absent until they were counted.
+    #[serde(default)]
+    pub job_bytes: Option<u64>,
+    /// Room in the stores.
+    #[serde(default)]
+    pub stores: Vec<StoreRoom>,
+}
+
+/// Room in a part of the farm's stores. That of an object store or a database server is not known.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StoreRoom {
+    /// What is stored there: `state`, `images` or `scenes`.
+    pub part: String,
+    /// Bytes that its disk still takes, where that is known.
+    #[serde(default)]
+    pub free_bytes: Option<u64>,
+    /// Bytes of its disk in all, where that is known.
+    #[serde(default)]
+    pub total_bytes: Option<u64>,
+    /// Whether so little is left that somebody should see to it.
+    #[serde(default)]
+    pub low: bool,
+}
+
+impl StoreRoom {
+    /// Room on a disk that is warned about [bytes].
+    pub const WARNED: u64 = 10 << 30;
+    /// Room on a disk that a farm does not work with for long [bytes].
+    pub const WRONG: u64 = 1 << 30;
+
+    /// A part of which free and all bytes are known, or not.
+    #[must_use]
+    pub fn new(part: &str, room: Option<[u64; 2]>) -> Self {
+        Self {
+            part: part.to_owned(),
+            free_bytes: room.map(|[free, _]| free),
+            total_bytes: room.map(|[_, total]| total),
+            low: room.is_some_and(|[free, _]| free < Self::WARNED),
+        }
+    }
 }
 
 /// What happened to a job, oldest first.

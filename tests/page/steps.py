@@ -2,7 +2,10 @@
 
 import base64
 import io
+import json
 import re
+import shlex
+import subprocess
 import tempfile
 import threading
 import time
@@ -52,6 +55,13 @@ def sign_in(visit, _):
     page.wait_for_selector(".drop")
     assert page.evaluate("document.cookie") == ""
     assert page.locator("#sign-out").inner_text() == "Sign out artist"
+
+
+def layers_of(farm, number, layers):
+    """The picture of a job and some of its layers, as plain numbers."""
+    raw = farm.ask(f"jobs/{number}/image.raw?layers={layers}")
+    width, height = numpy.frombuffer(raw, "<u4", 2, 8)
+    return numpy.frombuffer(raw, "<f4", offset=32).reshape(-1, height, width, 4)
 
 
 def packed(folder):
@@ -222,6 +232,112 @@ def heal(visit, _):
     page.wait_for_function("done => Number(document.querySelector('.viewer').dataset.iterations) > done", arg=done)
 
 
+def lamps(visit, _):
+    """lamps are mixed anew: switched off, coloured, made brighter; the probe tells the sum, and layers are shown"""
+    page, farm = visit.page, visit.farm
+    spec = farm.job(JOB)["spec"]
+    name = f"{spec['name']}, lamps"
+    asked = {**spec, "layers": ["lamp:lamp", "normal", "lamp:window"], "iterations": 24 if visit.screenshots else 2, "name": name}
+    number = json.loads(farm.ask("jobs", "POST", {key: value for key, value in asked.items() if key != "schedule"}))["id"]
+    farm.ask(f"jobs/{number}/priority", "PUT", {"priority": 100})
+    farm.ask(f"jobs/{JOB}/pause", "POST", {})
+    wait_for("a job with layers", lambda: farm.job(number)["state"] == "done", 900)
+    farm.ask(f"jobs/{JOB}/resume", "POST", {})
+    visit.go(f"#/jobs/{number}")
+    page.wait_for_selector(".picture canvas:visible")
+    plain = pixels(page)
+    picture, lamp, window = layers_of(farm, number, "1,3")[..., :3].astype("f8")
+    x, y = picture.shape[1] // 2, picture.shape[0] // 2
+
+    def probed():
+        page.locator(".picture").focus()
+        numbers = re.match(r"x (\d+), y (\d+): radiance (\S+) (\S+) (\S+),", page.locator("#probe").inner_text())
+        assert [int(number) for number in numbers.groups()[:2]] == [x, y]
+        return [float(number) for number in numbers.groups()[2:]]
+
+    page.select_option("label:has-text('Shown') select", "mix")
+    page.wait_for_selector(".mixer:visible")
+    wait_for("the picture itself, with all lamps as they are", lambda: pixels(page) == plain)
+    assert [row.inner_text() for row in page.locator(".lamp:visible label").all()] == ["lamp", "window", "other lamps"]
+    page.get_by_label("Colour of window").fill("#ff8040")
+    page.get_by_label("Power of window in stops").fill("1.5")
+    page.locator(".lamp label:has-text('other lamps') input").click()
+    red = numpy.array([((value / 255 + 0.055) / 1.055) ** 2.4 for value in (255, 128, 64)])
+    expected = (lamp + window * red * 2**1.5)[y, x]
+    wait_for("the mixed picture", lambda: pixels(page) != plain and numpy.allclose(probed(), expected, rtol=2e-3))
+    command = page.locator(".command code").inner_text()
+    assert command.endswith(f"mix job-{number}.exr --lamp 'window=#ff8040*1.5EV' --lamp '*=0' -o job-{number}-mix.exr"), command
+    check_mix(farm, number, command, lamp + window * red * 2**1.5)
+    visit.picture("lamps")
+    check_axe(page)
+    with page.expect_download() as saved:
+        button(page, "Save what is shown").click()
+    assert Path(saved.value.path()).read_bytes().startswith(b"\x89PNG")
+    button(page, "As rendered").click()
+    wait_for("the picture itself again", lambda: pixels(page) == plain)
+    page.select_option("label:has-text('Shown') select", "2")
+    normal = layers_of(farm, number, "2")[1, y, x, :3]
+
+    def tells_the_normal():
+        page.locator(".picture").focus()
+        told = re.match(r".*: normal (\S+) (\S+) (\S+)$", page.locator("#probe").inner_text())
+        return told and numpy.allclose([float(value) for value in told.groups()], normal, rtol=1e-3, atol=1e-6)
+
+    wait_for("the normals", tells_the_normal)
+    assert page.locator(".mixer").is_hidden() and page.locator(".compare").is_hidden()
+    page.select_option("label:has-text('Shown') select", "picture")
+    wait_for("the picture", lambda: pixels(page) == plain)
+
+
+def check_mix(farm, number, command, expected):
+    """The command that the page tells writes what it shows."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / f"job-{number}.exr").write_bytes(farm.ask(f"jobs/{number}/image.exr"))
+        mix = shlex.split(command.split("&& ", 1)[1])
+        assert mix[0] == "photonfarm"
+        subprocess.run([farm.programs / mix[0], *mix[1:]], check=True, cwd=folder, stdout=subprocess.DEVNULL)
+        with OpenEXR.File(str(Path(folder) / f"job-{number}-mix.exr"), separate_channels=True) as file:
+            found = numpy.stack([file.channels()[name].pixels for name in "RGB"], axis=-1)
+    assert numpy.allclose(found, expected, rtol=1e-4, atol=1e-6)
+
+
+def many_jobs(visit, _):
+    """more than 100 jobs: older ones on demand, by text and by state, and each by itself"""
+    page, farm = visit.page, visit.farm
+    spec = farm.job(1)["spec"]
+    extra = 104
+    for number in range(extra):
+        added = json.loads(farm.ask("jobs", "POST", {**spec, "name": f"shot-{number}", "seed": number}))["id"]
+        farm.ask(f"jobs/{added}/cancel", "POST", {})
+    visit.go("#/")
+    page.wait_for_selector(f".job a:has-text('shot-{extra - 1}')")
+    assert page.locator(".job").count() == 100
+    page.wait_for_selector("dt:has-text('Disk') + dd:has-text('free')")
+    page.fill("input[name=find]", "shot-10")
+    page.wait_for_selector("p[role=status]:has-text('of the newest 100 jobs')")
+    names = page.locator(".job h2").all_inner_texts()
+    assert [name.split()[-1] for name in names] == ["shot-103", "shot-102", "shot-101", "shot-100", "shot-10"], names
+    page.fill("input[name=find]", "cornell-bunny")
+    page.wait_for_function("document.querySelectorAll('.job').length === 0")
+    button(page, "Older jobs").click()
+    page.wait_for_selector(".job a[href='#/jobs/1']")
+    assert page.locator(".job").count() == 1 and button(page, "Older jobs").is_hidden()
+    wait_for("its small picture", lambda: page.evaluate("document.querySelector('.job img').naturalWidth") == 96)
+    page.select_option("select[name=state]", "cancelled")
+    page.wait_for_selector("p[role=status]:has-text('0 of the newest 100 jobs')")
+    page.select_option("select[name=state]", "")
+    page.fill("input[name=find]", "")
+    button(page, "Older jobs").click()
+    page.wait_for_selector(".job a[href='#/jobs/1']")
+    page.locator(".job a[href='#/jobs/1']").click()
+    page.wait_for_selector(".picture canvas:visible")
+    assert show_job(page) == "done"
+    page.go_back()
+    page.wait_for_selector(f".job a:has-text('shot-{extra - 1}')")
+    visit.go("#/jobs/9999")
+    page.wait_for_selector("p:has-text('There is no such job')")
+
+
 def cancel(visit, _):
     """cancelled, it can be deleted; what has arrived stays"""
     page = visit.page
@@ -302,4 +418,4 @@ def everybody(visit, _):
         page.set_viewport_size({"width": 1180, "height": 900})
 
 
-ALL = [sign_in, drop_archive, drop_folder, first_picture, sharpen, probe, compare, extend, heal, workers, cancel, keyboard, everybody]
+ALL = [sign_in, drop_archive, drop_folder, first_picture, sharpen, probe, compare, extend, heal, lamps, workers, cancel, keyboard, everybody, many_jobs]

@@ -13,7 +13,7 @@ const HEAD: &str = "# Configuration\n\n\
     `RUST_LOG` chooses what the log tells.\n";
 
 /// Programs and subcommands.
-const COMMANDS: [(&str, &[&str]); 16] = [
+const COMMANDS: [(&str, &[&str]); 17] = [
     ("photonfarm", &["serve"]),
     ("photonfarm-worker", &[]),
     ("photonfarm", &["submit"]),
@@ -28,6 +28,7 @@ const COMMANDS: [(&str, &[&str]); 16] = [
     ("photonfarm", &["check"]),
     ("photonfarm", &["compare"]),
     ("photonfarm", &["converge"]),
+    ("photonfarm", &["mix"]),
     ("photonfarm", &["token", "create"]),
     ("photonfarm", &["backup"]),
 ];

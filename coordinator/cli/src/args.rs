@@ -8,6 +8,7 @@ use crate::frames::{Frames, frames};
 use crate::help;
 use crate::input::SceneFormat;
 use crate::logs::{self, LogsArgs};
+use crate::mix::{self, MixArgs};
 use crate::serve_args::ServeArgs;
 use crate::steer_args::{
     DeleteArgs, DrainArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs,
@@ -52,6 +53,9 @@ pub(crate) enum Command {
     /// Render a scene and write its error against a reference after 1, 2, 4, ... iterations
     #[command(after_help = converge::EXAMPLES)]
     Converge(ConvergeArgs),
+    /// Multiply the light of a picture's lamps, each by its own colour and power
+    #[command(after_help = mix::EXAMPLES)]
+    Mix(MixArgs),
     /// Run the coordinator of a farm
     #[command(after_help = help::SERVE)]
     Serve(ServeArgs),
@@ -364,6 +368,7 @@ mod tests {
             "photonfarm submit - --format pbrt --coordinator http://localhost:1",
             "photonfarm compare a.exr b.exr --difference d.png --epsilon 0.1 --json",
             "photonfarm converge s.xml --reference r.exr --probe 1,2 --probe 3,4 -o a.csv --plot a.png --within 9s",
+            "photonfarm mix a.exr --lamp a=#ffcc88*1.5EV --lamp *=0 -o b.exr",
             "photonfarm watch 3 --json --coordinator http://localhost:1",
             "photonfarm retry 3 --coordinator http://localhost:1",
             "photonfarm drain 3 --undo --json --coordinator http://localhost:1",
@@ -397,6 +402,7 @@ mod tests {
             "photonfarm submit s.glb --frames 1..3 --frame 2 --coordinator http://localhost:1",
             "photonfarm submit s.xml --label shot --coordinator http://localhost:1",
             "photonfarm converge s.xml",
+            "photonfarm mix a.exr --lamp a=red -o b.exr",
             "photonfarm jobs 3 --watch --coordinator http://localhost:1",
             "photonfarm serve --listen 127.0.0.1:0 --data d --tls-cert c",
             "photonfarm token create a --data d",

@@ -8,8 +8,8 @@ use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt};
 use photonfarm_core::picture;
 use photonfarm_proto::api::{
-    BundleReply, EVENT_END, EVENT_STATUS, FARM, Health, IDEMPOTENCY_KEY, JobLog, JobPage, Session, SetPriority,
-    WorkerList, WorkerStatus,
+    BundleReply, EVENT_END, EVENT_STATUS, FARM, FarmFigures, Health, IDEMPOTENCY_KEY, JobLog, JobPage, Session,
+    SetPriority, WorkerList, WorkerStatus,
 };
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -262,6 +262,12 @@ impl Client {
         let request = || self.request(Method::GET, "workers");
         let list: WorkerList = self.retry(FIRST_PATIENCE, request).await?.json().await?;
         Ok(list.workers)
+    }
+
+    /// The farm in figures.
+    pub(crate) async fn figures(&self) -> Result<FarmFigures> {
+        let request = || self.request(Method::GET, "farm");
+        Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
     }
 
     /// Puts a worker into quarantine or lets it out; repetition is harmless.

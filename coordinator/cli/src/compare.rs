@@ -1,11 +1,10 @@
 //! `photonfarm compare`: how far two pictures are from each other.
 
 use crate::metrics::{EPSILON, Errors, Pixels, decoded, encoded, ssim};
-use crate::output::OutputFile;
+use crate::output::{OutputFile, plain_exr};
 use crate::say;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use exr::prelude::{Image, SpecificChannels, WritableImage};
 use photonfarm_core::picture::{self, ToneCurve};
 use photonfarm_core::spectrum::Spectrum;
 use serde::Serialize;
@@ -193,16 +192,10 @@ impl Difference {
 
 /// The one minus the other, as OpenEXR.
 fn signed(a: &Pixels, b: &Pixels) -> Result<Vec<u8>> {
-    let (width, height) = (a.width as usize, a.height as usize);
-    let at = |position: exr::math::Vec2<usize>| {
-        let index = position.y() * width + position.x();
+    plain_exr(a.width, a.height, |index| {
         let (a, b) = (a.values[index].to_rgb(), b.values[index].to_rgb());
-        (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-    };
-    let mut file = Cursor::new(Vec::new());
-    let picture = Image::from_channels((width, height), SpecificChannels::rgb(at));
-    picture.write().non_parallel().to_buffered(&mut file)?;
-    Ok(file.into_inner())
+        std::array::from_fn(|channel| a[channel] - b[channel])
+    })
 }
 
 /// The difference of luminance over what relMSE divides by: red where the first is brighter, blue where it is darker.

@@ -5,7 +5,7 @@ use crate::farm_args::FarmArgs;
 use crate::say;
 use anyhow::{Result, bail};
 use clap::Args;
-use photonfarm_proto::api::{Health, WorkerStatus};
+use photonfarm_proto::api::{Health, StoreRoom, WorkerStatus};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::token::Role;
 use photonfarm_proto::waiting::Waiting;
@@ -35,9 +35,6 @@ const SKEW_WARNED: u64 = 5;
 const SKEW_WRONG: u64 = 60;
 /// Days before its end that a certificate is warned about.
 const LAST_DAYS: u64 = 14;
-/// Room on a disk that is warned about, and that is an error [bytes].
-const ROOM_WARNED: u64 = 10 << 30;
-const ROOM_WRONG: u64 = 1 << 30;
 /// What is stored to see whether it can be.
 const FILE: &[u8] = b"photonfarm doctor was here\n";
 
@@ -167,6 +164,12 @@ async fn examine(args: &DoctorArgs) -> Result<Vec<Finding>> {
         });
     }
     found.extend(stores(&seen));
+    // A farm of an older version has no such figures.
+    if matches!(role, Some(Role::Read | Role::Submit | Role::Admin))
+        && let Ok(figures) = client.figures().await
+    {
+        found.extend(figures.stores.iter().map(room_of_part));
+    }
     if matches!(role, Some(Role::Submit | Role::Admin)) {
         found.push(store_something(&client).await);
     }
@@ -313,20 +316,52 @@ fn waiting(jobs: &BTreeMap<Waiting, u64>) -> Vec<Finding> {
         .collect()
 }
 
+/// Room on the disk of a part of the stores, as the coordinator tells.
+fn room_of_part(room: &StoreRoom) -> Finding {
+    let StoreRoom {
+        part,
+        free_bytes,
+        total_bytes,
+        ..
+    } = room;
+    match (free_bytes, total_bytes) {
+        (Some(free), Some(total)) => graded(
+            *free,
+            format!(
+                "{part}: {:.1} GB of {:.1} GB are free",
+                gigabytes(*free),
+                gigabytes(*total)
+            ),
+        ),
+        _ => Finding::ok(
+            "disk",
+            format!("{part}: the room in an object store or a database server is not known"),
+        ),
+    }
+}
+
+/// Whether so much room is enough.
+fn graded(free: u64, detail: String) -> Finding {
+    let advice = "free some: `photonfarm delete` ended jobs, or have `serve --keep-days` or `--keep-gigabytes` do so";
+    match free {
+        ..StoreRoom::WRONG => Finding::bad(Grade::Error, "disk", detail, advice),
+        StoreRoom::WRONG..StoreRoom::WARNED => Finding::bad(Grade::Warn, "disk", detail, advice),
+        _ => Finding::ok("disk", detail),
+    }
+}
+
+fn gigabytes(bytes: u64) -> f64 {
+    bytes as f64 / 1e9
+}
+
 /// Room on the disk of a folder.
 #[cfg(unix)]
 fn room(folder: &PathBuf) -> Finding {
-    let advice = "free some: `photonfarm delete` ended jobs, or have `serve --keep-days` or `--keep-gigabytes` do so";
     let name = folder.display();
     match rustix::fs::statvfs(folder) {
         Ok(disk) => {
             let free = disk.f_bavail.saturating_mul(disk.f_frsize);
-            let detail = format!("{:.1} GB are free for {name}", free as f64 / 1e9);
-            match free {
-                ..ROOM_WRONG => Finding::bad(Grade::Error, "disk", detail, advice),
-                ROOM_WRONG..ROOM_WARNED => Finding::bad(Grade::Warn, "disk", detail, advice),
-                _ => Finding::ok("disk", detail),
-            }
+            graded(free, format!("{:.1} GB are free for {name}", gigabytes(free)))
         }
         Err(error) => Finding::bad(
             Grade::Error,
@@ -395,6 +430,28 @@ mod tests {
         let found = waiting(&jobs);
         assert_eq!(grades(&found), [(Grade::Warn, "jobs")]);
         assert!(found[0].detail.contains("2 wait: tags"), "{}", found[0].detail);
+    }
+
+    #[test]
+    fn little_room_is_warned_about() {
+        let grade = |room| room_of_part(&StoreRoom::new("images", room)).grade;
+        let total = 1 << 40;
+        assert_eq!(
+            [
+                None,
+                Some([StoreRoom::WARNED, total]),
+                Some([StoreRoom::WARNED - 1, total]),
+                Some([1 << 20, total])
+            ]
+            .map(grade),
+            [Grade::Ok, Grade::Ok, Grade::Warn, Grade::Error]
+        );
+        let found = room_of_part(&StoreRoom::new("state", Some([2_500_000_000, 10_000_000_000])));
+        assert!(
+            found.text().contains("state: 2.5 GB of 10.0 GB are free"),
+            "{}",
+            found.text()
+        );
     }
 
     #[test]

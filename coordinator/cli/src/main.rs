@@ -22,6 +22,7 @@ mod log;
 mod logs;
 mod manual;
 mod metrics;
+mod mix;
 mod output;
 mod plot;
 mod progress;
@@ -84,6 +85,7 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Converge(args) => converge::run(args),
+        Command::Mix(args) => mix::run(args),
         Command::Serve(args) => serve::run(args),
         Command::Submit(args) => submit::run(args),
         Command::Wait(args) => submit::wait(args),

@@ -1,7 +1,8 @@
 //! Files that appear whole or not at all.
 
 use anyhow::{Context, Result, bail};
-use std::io::Write;
+use exr::prelude::{Image, SpecificChannels, WritableImage};
+use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
@@ -101,6 +102,19 @@ impl PictureFiles {
     pub(crate) fn names(&self) -> String {
         format!("{} and {}", self.exr.path.display(), self.png.path.display())
     }
+}
+
+/// Red, green and blue of each pixel as OpenEXR, with no word of how they came about.
+pub(crate) fn plain_exr(width: u32, height: u32, pixel: impl Fn(usize) -> [f32; 3] + Sync) -> Result<Vec<u8>> {
+    let (width, height) = (width as usize, height as usize);
+    let at = |position: exr::math::Vec2<usize>| {
+        let [r, g, b] = pixel(position.y() * width + position.x());
+        (r, g, b)
+    };
+    let mut file = Cursor::new(Vec::new());
+    let picture = Image::from_channels((width, height), SpecificChannels::rgb(at));
+    picture.write().non_parallel().to_buffered(&mut file)?;
+    Ok(file.into_inner())
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::problem::Problem;
 use std::convert::Infallible;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
@@ -46,7 +47,7 @@ pub(super) async fn events(
     Id(id): Id<JobId>,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
-    let status = service.status(id).await?;
+    let status = Arc::new(service.status(id).await?);
     let known = headers.get(LAST_EVENT_ID).and_then(|value| value.to_str().ok());
     let known = known.is_some_and(|known| known == event_id(&status));
     if known && status.state.ended() {
@@ -68,7 +69,7 @@ pub(super) async fn events(
         let status = follower.next_status().await?;
         let name = if status.state.ended() { EVENT_END } else { EVENT_STATUS };
         let event = Event::default().event(name).id(event_id(&status)).retry(RETRY);
-        let event = event.json_data(&status).ok()?;
+        let event = event.json_data(&*status).ok()?;
         follower.last = Some(status);
         Some((Ok::<_, Infallible>(event), follower))
     });
@@ -87,13 +88,13 @@ struct Follower {
     id: JobId,
     progress: watch::Receiver<u64>,
     stopping: watch::Receiver<bool>,
-    next: Option<JobStatus>,
-    last: Option<JobStatus>,
+    next: Option<Arc<JobStatus>>,
+    last: Option<Arc<JobStatus>>,
 }
 
 impl Follower {
     /// The next status that differs; none after the end of the job or of the service.
-    async fn next_status(&mut self) -> Option<JobStatus> {
+    async fn next_status(&mut self) -> Option<Arc<JobStatus>> {
         if let Some(first) = self.next.take() {
             return Some(first);
         }
@@ -107,7 +108,7 @@ impl Follower {
             }
             tokio::time::sleep(STEP).await;
             self.progress.mark_unchanged();
-            let status = self.service.status(self.id).await.ok()?;
+            let status = self.service.followed(self.id).await.ok()?;
             if self.last.as_ref() != Some(&status) {
                 return Some(status);
             }

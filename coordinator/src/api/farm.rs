@@ -1,18 +1,20 @@
-//! The whole farm as server-sent events.
+//! The whole farm: in figures, and as server-sent events.
 
 use super::events::{NO_BUFFERING, RETRY};
 use super::{ApiError, App};
-use crate::store::JobFilter;
+use crate::service::Glance;
+use axum::Json;
 use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive};
 use axum::response::{IntoResponse, Response, Sse};
 use futures_util::stream;
-use photonfarm_proto::api::{EVENT_FARM, FarmNews, WorkerStatus};
+use photonfarm_proto::api::{EVENT_FARM, FarmFigures, FarmNews, Obstacle, WorkerStatus};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::problem::Problem;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
@@ -20,8 +22,14 @@ use tokio::sync::watch;
 const STEP: Duration = Duration::from_millis(500);
 /// Workers fall silent without anything that happens.
 const TICK: Duration = Duration::from_secs(5);
-/// The newest jobs are told.
-const JOBS: u32 = 100;
+/// The farm in figures: jobs, workers, pace, backlog, and room in its stores.
+#[utoipa::path(
+    get, path = "/v1/farm", operation_id = "get_farm",
+    responses((status = 200, body = FarmFigures), (status = "4XX", body = Problem))
+)]
+pub(super) async fn figures(State(service): State<App>) -> Result<Json<FarmFigures>, ApiError> {
+    Ok(Json(service.farm_figures().await?))
+}
 
 /// The newest 100 jobs and the workers, and then what changes of them: events `farm`, whose data is a `FarmNews`. The first one after a
 /// connection is whole, so that whoever was cut off knows all again.
@@ -39,6 +47,8 @@ pub(super) async fn events(State(service): State<App>) -> Result<Response, ApiEr
         service,
         jobs: BTreeMap::new(),
         workers: Vec::new(),
+        trouble: Trouble::default(),
+        seen: 0,
         serial: 0,
     };
     let first = watcher.news().await?;
@@ -58,13 +68,19 @@ pub(super) async fn events(State(service): State<App>) -> Result<Response, ApiEr
     Ok(([NO_BUFFERING], stream).into_response())
 }
 
+/// What people are warned of: obstacles, and parts of the stores with little room.
+type Trouble = (Vec<Obstacle>, Vec<String>);
+
 struct Watcher {
     service: App,
     progress: watch::Receiver<u64>,
     stopping: watch::Receiver<bool>,
     /// What was told.
-    jobs: BTreeMap<JobId, JobStatus>,
+    jobs: BTreeMap<JobId, Arc<JobStatus>>,
     workers: Vec<WorkerStatus>,
+    trouble: Trouble,
+    /// How often a status had changed then.
+    seen: u64,
     serial: u64,
 }
 
@@ -72,15 +88,16 @@ impl Watcher {
     /// Waits for news; none after the end of the service.
     async fn next(&mut self) -> Option<FarmNews> {
         loop {
+            let seen = self.seen;
             tokio::select! {
-                changed = self.progress.changed() => changed.ok()?,
+                changed = self.progress.wait_for(|version| *version != seen) => drop(changed.ok()?),
                 () = tokio::time::sleep(TICK) => {}
                 _ = self.stopping.wait_for(|stop| *stop) => return None,
             }
             tokio::time::sleep(STEP).await;
-            self.progress.mark_unchanged();
+            let before = self.trouble.clone();
             let news = self.news().await.ok()?;
-            if !news.jobs.is_empty() || !news.gone.is_empty() || news.workers.is_some() {
+            if !news.jobs.is_empty() || !news.gone.is_empty() || news.workers.is_some() || self.trouble != before {
                 return Some(news);
             }
         }
@@ -88,11 +105,16 @@ impl Watcher {
 
     /// What is not as it was told.
     async fn news(&mut self) -> Result<FarmNews, ApiError> {
-        let page = self.service.list_jobs(JobFilter::default(), Some(JOBS)).await?;
-        let workers = self.service.workers().await?;
-        let now: BTreeMap<JobId, JobStatus> = page.jobs.into_iter().map(|job| (job.id, job)).collect();
-        let changed = now.iter().filter(|(id, job)| self.jobs.get(id) != Some(job));
-        let gone = self.jobs.keys().filter(|id| !now.contains_key(id));
+        let glance = self.service.glance().await?;
+        let Glance {
+            jobs,
+            workers,
+            figures,
+            obstacles,
+            ..
+        } = &*glance;
+        let changed = jobs.iter().filter(|(id, job)| self.jobs.get(id) != Some(job));
+        let gone = self.jobs.keys().filter(|id| !jobs.contains_key(id));
         let whole = self.serial == 0;
         // How long a worker has been silent changes all the time.
         let heard = |worker: &WorkerStatus| WorkerStatus {
@@ -100,16 +122,17 @@ impl Watcher {
             ..worker.clone()
         };
         let compared: Vec<WorkerStatus> = workers.iter().map(heard).collect();
-        let found = self.service.found_obstacles().into_iter();
         let news = FarmNews {
-            pending_iterations: self.service.figures().await?.pending_iterations,
-            obstacles: found.map(|(_, obstacle)| obstacle).collect(),
+            figures: figures.clone(),
+            obstacles: obstacles.clone(),
             whole,
-            jobs: changed.map(|(_, job)| job.clone()).collect(),
+            jobs: changed.map(|(_, job)| JobStatus::clone(job)).collect(),
             gone: gone.copied().collect(),
-            workers: (whole || compared != self.workers).then_some(workers),
+            workers: (whole || compared != self.workers).then(|| workers.clone()),
         };
-        (self.jobs, self.workers) = (now, compared);
+        let low = figures.stores.iter().filter(|room| room.low);
+        self.trouble = (obstacles.clone(), low.map(|room| room.part.clone()).collect());
+        (self.jobs, self.workers, self.seen) = (jobs.clone(), compared, glance.version);
         Ok(news)
     }
 }

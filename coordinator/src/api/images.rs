@@ -1,6 +1,6 @@
 //! Pictures of jobs, whole and in parts.
 
-use super::extract::Id;
+use super::extract::{Id, Params};
 use super::spool::{LongBody, Spool};
 use super::{ApiError, App};
 use crate::service::{ImageFormat, PictureFile, Section, Wanted};
@@ -9,8 +9,10 @@ use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use photonfarm_core::integrator::layers::MAX_LAYERS;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use serde::Deserialize;
 use std::convert::Infallible;
 use std::sync::Arc;
 
@@ -98,14 +100,64 @@ pub(super) async fn png(
     image(service, &spool, (id, ImageFormat::Png), "image/png", &asked).await
 }
 
+/// The image as it stands, small, as JPEG: as the PNG shows it, of at most 256 pixels across and down.
+#[utoipa::path(
+    get, path = "/v1/jobs/{id}/image.jpg", operation_id = "get_job_jpg", params(
+        ("id" = JobId, Path),
+        ("If-None-Match" = Option<String>, Header, description = "the `ETag` of a picture that is there already")
+    ),
+    responses((status = 200, content_type = "image/jpeg"), (status = 304), (status = "4XX", body = Problem))
+)]
+pub(super) async fn jpg(
+    State(service): State<App>,
+    Extension(spool): Extension<Arc<Spool>>,
+    Id(id): Id<JobId>,
+    asked: Asked,
+) -> Result<Response, ApiError> {
+    image(service, &spool, (id, ImageFormat::Jpeg), "image/jpeg", &asked).await
+}
+
+/// Which layers are to follow the picture.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct RawParams {
+    /// Numbers of layers in the job's list `layers`, from 1, with commas between them.
+    #[param(pattern = "^([1-9]|1[0-6])(,([1-9]|1[0-6])){0,15}$", example = "1,3")]
+    layers: Option<String>,
+}
+
+impl RawParams {
+    /// The places in the list.
+    fn places(&self) -> Result<Vec<usize>, Problem> {
+        let wrong = || {
+            let detail = format!("layers: up to {MAX_LAYERS} numbers from 1 to {MAX_LAYERS}, with commas between them");
+            Problem::new(ErrorCode::Invalid, detail).at("layers", None)
+        };
+        let place = |number: &str| match number.parse::<usize>() {
+            Ok(number @ 1..=MAX_LAYERS) => Ok(number - 1),
+            _ => Err(wrong()),
+        };
+        let places = self.layers.iter().flat_map(|list| list.split(','));
+        let places: Vec<usize> = places.take(MAX_LAYERS + 1).map(place).collect::<Result<_, _>>()?;
+        match places.len() {
+            0..=MAX_LAYERS => Ok(places),
+            _ => Err(wrong()),
+        }
+    }
+}
+
 /// The image as it stands, as plain numbers: the same as those of the OpenEXR file.
 ///
 /// All are little-endian. First 32 bytes: the letters `photonf1`, pixels across and down (32-bit integers), iterations (64-bit
 /// integer), and the noise (64-bit float; NaN where unknown). Then for each pixel, row by row from the top left, four 32-bit floats:
-/// radiance in red, green and blue, and the standard error of the luminance (NaN where unknown).
+/// radiance in red, green and blue, and the standard error of the luminance (NaN where unknown). The layers asked for follow likewise,
+/// each of all pixels: its three channels, or its only one three times, and the standard error of its luminance (NaN for what is no
+/// light); `halves` are two of them.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/image.raw", operation_id = "get_job_raw", params(
         ("id" = JobId, Path),
+        RawParams,
         ("If-None-Match" = Option<String>, Header, description = "the `ETag` of a picture that is there already"),
         ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, `bytes=FIRST-` or `bytes=-COUNT`: a part of the picture"),
         ("If-Range" = Option<String>, Header, description = "the `ETag` of the picture that `Range` is of: of another one all is sent")
@@ -121,10 +173,11 @@ pub(super) async fn raw(
     State(service): State<App>,
     Extension(spool): Extension<Arc<Spool>>,
     Id(id): Id<JobId>,
+    Params(params): Params<RawParams>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let media_type = "application/octet-stream";
-    image(service, &spool, (id, ImageFormat::Raw), media_type, &asked).await
+    let format = ImageFormat::Raw(params.places()?);
+    image(service, &spool, (id, format), "application/octet-stream", &asked).await
 }
 
 async fn image(

@@ -6,6 +6,7 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
 use photonfarm_proto::RENDERER;
+use photonfarm_proto::api::StoreRoom;
 use photonfarm_proto::waiting::Waiting;
 use std::fmt::Write;
 use std::sync::atomic::Ordering;
@@ -23,6 +24,7 @@ pub(super) async fn metrics(State(service): State<App>) -> impl IntoResponse {
     let mut text = state.ok().and_then(Result::ok).unwrap_or_default();
     figure_of_build(&mut text);
     figures_of_stores(&mut text, &service);
+    figures_of_room(&mut text, &service);
     figures_since_start(&mut text, &service);
     ([(header::CONTENT_TYPE, MEDIA_TYPE)], text)
 }
@@ -103,6 +105,33 @@ fn figures_of_stores(text: &mut String, service: &App) {
     let help = "Failures of the stores since the start.";
     let failures = failures.as_flattened();
     family(text, ("store_failures_total", "counter"), help, failures);
+}
+
+/// Room in the stores, of those that lie on disks of which it is known, and what jobs hold.
+fn figures_of_room(text: &mut String, service: &App) {
+    let (rooms, job_bytes) = service.room();
+    let values = |value: fn(&StoreRoom) -> Option<u64>| -> Vec<(String, u64)> {
+        let known = rooms
+            .iter()
+            .filter_map(|room| Some((format!("part=\"{}\"", room.part), value(room)?)));
+        known.collect()
+    };
+    let free = values(|room| room.free_bytes);
+    if !free.is_empty() {
+        let help = "Bytes that the disk of a part of the stores still takes.";
+        family(text, ("store_free_bytes", "gauge"), help, &free);
+        let help = "Bytes in all of the disk of a part of the stores.";
+        family(
+            text,
+            ("store_total_bytes", "gauge"),
+            help,
+            &values(|room| room.total_bytes),
+        );
+    }
+    if let Some(bytes) = job_bytes {
+        let help = "Bytes of the images and pictures of all jobs.";
+        single(text, ("job_bytes", "gauge"), help, bytes);
+    }
 }
 
 /// What this coordinator has counted since its start.

@@ -17,7 +17,7 @@ macro_rules! file {
 /// The media type of pages.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
 
-const FILES: [(&str, &str, &str); 21] = [
+const FILES: [(&str, &str, &str); 24] = [
     file!("index.html", "text/html; charset=utf-8"),
     file!("main.js", "text/javascript; charset=utf-8"),
     file!("farm.js", "text/javascript; charset=utf-8"),
@@ -25,6 +25,9 @@ const FILES: [(&str, &str, &str); 21] = [
     file!("job.js", "text/javascript; charset=utf-8"),
     file!("workers.js", "text/javascript; charset=utf-8"),
     file!("words.js", "text/javascript; charset=utf-8"),
+    file!("pages.js", "text/javascript; charset=utf-8"),
+    file!("layers.js", "text/javascript; charset=utf-8"),
+    file!("lamps.js", "text/javascript; charset=utf-8"),
     file!("raw.js", "text/javascript; charset=utf-8"),
     file!("tone.js", "text/javascript; charset=utf-8"),
     file!("viewer.js", "text/javascript; charset=utf-8"),

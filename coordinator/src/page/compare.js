@@ -73,8 +73,9 @@ export function compareView(farm, id, viewer, act) {
       show();
     });
   }
-  const update = () => {
-    const job = farm.jobs.get(id);
+  let shown = null;
+  const update = (job = shown) => {
+    shown = job;
     const size = String(job?.resolution);
     const others = [...farm.jobs.values()].filter((other) => other.id !== id && other.iterations_done > 0 && String(other.resolution) === size);
     const all = [["", "nothing"], ...moments().map((moment) => [`moment ${moment.iterations}`, `this job at ${moment.iterations} iterations`]),

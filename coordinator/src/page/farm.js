@@ -37,7 +37,7 @@ export function acting(tell) {
 
 /** Follows the farm. `changed` is called after every change, `connected` with true or false. Returns what is known, and `stop`. */
 export function follow(changed, connected) {
-  const farm = { jobs: new Map(), workers: [], pending: 0, obstacles: [], stop: () => source.close() };
+  const farm = { jobs: new Map(), workers: [], figures: null, obstacles: [], heard: false, stop: () => source.close() };
   const source = new EventSource("v1/events");
   source.addEventListener("farm", (event) => {
     const news = JSON.parse(event.data);
@@ -45,11 +45,41 @@ export function follow(changed, connected) {
     for (const job of news.jobs) farm.jobs.set(job.id, job);
     for (const id of news.gone) farm.jobs.delete(id);
     if (news.workers) farm.workers = news.workers;
-    farm.pending = news.pending_iterations ?? 0;
+    farm.figures = news.figures;
     farm.obstacles = news.obstacles ?? [];
+    farm.heard = true;
     connected(true);
     changed();
   });
   source.addEventListener("error", () => connected(false, source.readyState === EventSource.CLOSED));
   return farm;
+}
+
+/** Follows one job that the farm does not tell of, from `start` on. `changed` is called after every change. */
+export function followOne(id, changed) {
+  const one = { job: null, missing: false, start, stop: () => source?.close() };
+  let [source, begun] = [null, false];
+  const hear = (event) => {
+    one.job = JSON.parse(event.data);
+    changed();
+  };
+  async function start() {
+    if (begun) return;
+    begun = true;
+    try {
+      one.job = await ask("GET", `jobs/${id}`);
+      source = new EventSource(`v1/jobs/${id}/events`);
+      source.addEventListener("status", hear);
+      source.addEventListener("end", (event) => {
+        source.close();
+        hear(event);
+      });
+    } catch (error) {
+      one.missing = error.status === 404;
+      // The farm may be away for a moment.
+      if (!one.missing) setTimeout(() => (begun = false), 2000);
+    }
+    if (one.job || one.missing) changed();
+  }
+  return one;
 }

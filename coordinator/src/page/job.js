@@ -2,9 +2,9 @@
 
 import { commandsView } from "./commands.js";
 import { compareView } from "./compare.js";
-import { acting, ask } from "./farm.js";
+import { acting, ask, followOne } from "./farm.js";
 import { historyView } from "./history.js";
-import { pictureOf } from "./jobs.js";
+import { layersView } from "./layers.js";
 import { Feed } from "./raw.js";
 import { Viewer } from "./viewer.js";
 import { element, ended, memory, nameOf, progressOf, reasonOf, since, span, stateOf } from "./words.js";
@@ -69,19 +69,32 @@ function actionsView(id, act) {
   return { nodes: [element("div", { class: "actions" }, pause, resume, retry, cancel, remove), element("div", { class: "actions" }, extend, weight)], update };
 }
 
-/** The picture: in numbers as it sharpens, or as a PNG where there are too many; and what it is compared with. */
+/** The picture as a PNG; another address for every number of iterations. */
+function pictureOf(job) {
+  return `v1/jobs/${job.id}/image.png?iterations=${job.iterations_done}`;
+}
+
+/** The picture: in numbers as it sharpens, or as a PNG where there are too many; its layers; and what it is compared with. */
 function pictureView(farm, id, act) {
   const viewer = new Viewer();
   const compare = compareView(farm, id, viewer, act);
-  const feed = new Feed(id, compare.shown);
+  const choose = (numbers) => act(() => {
+    compare.node.hidden = !layers.isPlain();
+    feed.choose(numbers);
+  });
+  const layers = layersView(id, viewer, { plain: compare.shown, choose });
+  const feed = new Feed(id, layers.shown);
+  viewer.extra.append(layers.label);
+  const save = element("button", { type: "button", click: () => viewer.save(`job-${id}-shown.png`) }, "Save what is shown");
   const links = ["exr", "png"].map((format) => element("a", { href: `v1/jobs/${id}/image.${format}`, download: `job-${id}.${format}` }, format === "exr" ? "OpenEXR" : "PNG"));
-  const node = element("div", { hidden: true }, viewer.node, compare.node, element("p", {}, "Download: ", links[0], " ", links[1]));
+  const node = element("div", { hidden: true }, viewer.node, layers.node, compare.node, element("p", {}, "Download: ", links[0], " ", links[1], " ", save));
   const update = (job) => {
     node.hidden = job.iterations_done === 0;
     if (node.hidden) return;
-    feed.update(job);
+    layers.update(job);
+    save.hidden = !feed.update(job);
     viewer.showPlain(pictureOf(job));
-    compare.update();
+    compare.update(job);
   };
   return { node, update, stop: () => feed.stop() };
 }
@@ -110,11 +123,14 @@ export function jobView(farm, id, tell) {
   const now = element("section", {}, element("h2", {}, "Now"), list);
   const body = element("div", {}, bar, element("div", { class: "two" }, element("div", {}, picture.node), element("div", {}, actions.nodes, now)),
     history.nodes, details.nodes, commands.node);
-  const gone = element("p", { hidden: true }, "There is no such job among the newest of the farm.");
+  const gone = element("p", { hidden: true }, "There is no such job.");
   const node = element("section", {}, title, gone, body);
+  const alone = followOne(id, () => update());
   const update = () => {
-    const job = farm.jobs.get(id);
-    gone.hidden = Boolean(job);
+    // The farm tells of the newest jobs only.
+    if (farm.heard && !farm.jobs.has(id)) alone.start();
+    const job = farm.jobs.get(id) ?? alone.job;
+    gone.hidden = Boolean(job) || !alone.missing;
     body.hidden = !job;
     title.textContent = job ? `${id}  ${nameOf(job)}` : `Job ${id}`;
     if (!job) return;
@@ -124,6 +140,6 @@ export function jobView(farm, id, tell) {
     list.replaceChildren(...facts(job).flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
   };
   actions.nodes.forEach((part) => (part.hidden = farm.role === "read"));
-  const stop = () => [picture, history].forEach((part) => part.stop());
+  const stop = () => [picture, history, alone].forEach((part) => part.stop());
   return { title: `Job ${id}`, node, update, stop };
 }

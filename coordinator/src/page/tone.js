@@ -49,6 +49,15 @@ export function developer(look) {
   };
 }
 
+/** Writes the values of a layer that is no light: directions from -1 to 1, or values within a range. */
+export function mapped(kind, [low, high]) {
+  const [from, over] = kind === "direction" ? [[-1, -1, -1], [2, 2, 2]] : [low, high.map((value, channel) => value - low[channel] || 1)];
+  return (values, at, bytes, to) => {
+    for (let channel = 0; channel < 3; channel += 1) bytes[to + channel] = (255 * (values[at + channel] - from[channel])) / over[channel];
+    bytes[to + 3] = 255;
+  };
+}
+
 /** Dark to bright, evenly in lightness (after matplotlib's `inferno`). */
 export const HEAT = [[0, 0, 4], [40, 11, 84], [101, 21, 110], [159, 42, 99], [212, 72, 66], [245, 125, 21], [250, 193, 39], [252, 255, 164]];
 /** Blue below, red above, dark where nothing differs. */

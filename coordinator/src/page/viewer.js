@@ -1,6 +1,6 @@
 // The picture on a canvas: developed by a tone curve, or as colours for its noise or for what differs from another one. A probe reads its pixels.
 
-import { CURVES, developer, difference, HEAT, heat, SIGNED } from "./tone.js";
+import { CURVES, developer, difference, HEAT, heat, mapped, SIGNED } from "./tone.js";
 import { element, percent } from "./words.js";
 
 const ZOOMS = [["Fit", 0], ["1:1", 1], ["2:1", 2], ["4:1", 4], ["8:1", 8]];
@@ -30,6 +30,8 @@ function figure(value) {
 /** What the probe says of a pixel. */
 function words(picture, x, y) {
   const { rgb, luminance, error } = picture.at(x, y);
+  if (picture.kind !== "light") return `x ${x}, y ${y}: ${picture.label} ${rgb.slice(0, picture.count).map(figure).join(" ")}`;
+  if (!picture.measured) return `x ${x}, y ${y}: radiance ${rgb.map(figure).join(" ")}, luminance ${figure(luminance)}`;
   const noise = error === error ? `, standard error ${figure(error)}${luminance > 0 ? ` (${percent(error / luminance)})` : ""}` : ", standard error not known yet";
   return `x ${x}, y ${y}: radiance ${rgb.map(figure).join(" ")}, luminance ${figure(luminance)}${noise}`;
 }
@@ -55,6 +57,8 @@ export class Viewer {
   constructor() {
     Object.assign(this, { picture: null, other: null, view: "picture", curve: "reinhard", stops: 0, automatic: true, zoom: 0, divide: 0.5, spot: [0, 0] });
     this.canvas = element("canvas", { class: "fit", hidden: true });
+    // What of a job is shown is chosen here, where there is a choice.
+    this.extra = element("div", { class: "actions" });
     this.caption = element("p", { class: "quiet caption" });
     this.plain = element("img", { class: "fit", alt: "The picture as it stands", hidden: true });
     this.cross = element("div", { class: "cross", hidden: true });
@@ -86,7 +90,17 @@ export class Viewer {
       element("div", { class: "actions" },
         element("label", { class: "row" }, "Exposure", stops, reading),
         element("label", { class: "row" }, automatic, "from a middle grey"),
-        element("label", { class: "row" }, "Tone curve", curve)));
+        element("label", { class: "row" }, "Tone curve", curve),
+        this.extra));
+  }
+
+  /** What is shown, as a PNG. */
+  save(name) {
+    this.canvas.toBlob((blob) => {
+      const address = URL.createObjectURL(blob);
+      element("a", { href: address, download: name }).click();
+      setTimeout(() => URL.revokeObjectURL(address), 60_000);
+    }, "image/png");
   }
 
   listen() {
@@ -171,13 +185,17 @@ export class Viewer {
 
   painter() {
     const { exposure, white, mean } = this.picture.fit;
+    const { kind } = this.picture;
+    if (kind === "direction" || kind === "range") return mapped(kind, kind === "range" ? this.picture.range : []);
+    if (kind === "share") return developer({ curve: "linear", factor: 2 ** this.stops, white: 1 });
     if (this.view === "noise") return heat;
     if (this.view === "difference" && this.other) return difference(mean);
     return developer({ curve: this.curve, factor: (this.automatic ? exposure : 1) * 2 ** this.stops, white });
   }
 
   explain() {
-    if (this.view === "noise") this.legend.show(HEAT, "Standard error of the luminance, relative:", "0.1 %", "100 %; grey: none, or not known");
+    if (this.picture.kind !== "light") this.legend.node.hidden = true;
+    else if (this.view === "noise") this.legend.show(HEAT, "Standard error of the luminance, relative:", "0.1 %", "100 %; grey: none, or not known");
     else if (this.view === "difference" && this.other) this.legend.show(SIGNED, "Right minus left, of the mean luminance:", "-100 %", "+100 %; each colour a tenth of the next");
     else this.legend.node.hidden = true;
   }

@@ -25,6 +25,14 @@ export function percent(share) {
   return `${Number((100 * share).toPrecision(share < 1 ? 2 : 3))} %`;
 }
 
+/** Bytes, such as 3.2 GB. */
+export function size(bytes) {
+  for (const [unit, length] of [["TB", 1e12], ["GB", 1e9], ["MB", 1e6]]) {
+    if (bytes >= length) return `${(bytes / length).toPrecision(3)} ${unit}`;
+  }
+  return `${Math.round(bytes / 1e3)} kB`;
+}
+
 /** A span of time, such as 3 h. */
 export function span(seconds) {
   for (const [unit, length] of [["d", 86400], ["h", 3600], ["min", 60]]) {

@@ -1,7 +1,9 @@
 //! The image of a job at any time: the average over the nodes that count.
 
-use super::raw::encode_raw;
+use super::preview::encode_preview;
+use super::raw::{encode_raw, planes};
 use super::section::{Section, Wanted};
+use super::views::View;
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
 use crate::store::BlobReader;
@@ -12,34 +14,63 @@ use photonfarm_core::tree::Average;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// How often a picture is begun anew because its nodes were merged meanwhile.
 const ATTEMPTS: usize = 8;
 
+/// Least time between two pictures of a job that goes on, of the formats that people watch it by.
+const PAUSE: Duration = Duration::from_millis(500);
+
 /// A file format.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ImageFormat {
     /// OpenEXR with metadata: linear radiance.
     Exr,
     /// PNG by a tone curve.
     Png,
-    /// Plain numbers ([`encode_raw`]).
-    Raw,
+    /// Small JPEG as the PNG shows it.
+    Jpeg,
+    /// Plain numbers ([`encode_raw`]): the picture, and the layers at these places in the job's list.
+    Raw(Vec<usize>),
 }
 
 impl ImageFormat {
     /// Its name in the state.
-    pub(super) fn name(self) -> &'static str {
+    pub(super) fn name(&self) -> &'static str {
         match self {
             Self::Exr => "exr",
             Self::Png => "png",
-            Self::Raw => "raw",
+            Self::Jpeg => "jpg",
+            Self::Raw(_) => "raw",
         }
     }
 
     /// Whether the picture of a job that has ended is kept. Plain numbers take more room than they take time to make.
-    pub(super) fn is_kept(self) -> bool {
-        self != Self::Raw
+    pub(super) fn is_kept(&self) -> bool {
+        !matches!(self, Self::Raw(_))
+    }
+
+    /// Whether people follow a job by it.
+    fn is_watched(&self) -> bool {
+        matches!(self, Self::Raw(_) | Self::Jpeg)
+    }
+
+    /// Refuses layers that the job has not.
+    fn check(&self, job: &Job) -> Result<(), Problem> {
+        let count = job.head().spec.layers.len();
+        let Self::Raw(chosen) = self else { return Ok(()) };
+        match chosen.iter().find(|place| **place >= count) {
+            Some(place) => {
+                let detail = format!(
+                    "layers: job {} has {count} layers, and none with number {}",
+                    job.id(),
+                    place + 1
+                );
+                Err(Problem::new(ErrorCode::Invalid, detail).at("layers", None))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -71,57 +102,117 @@ impl Service {
         format: ImageFormat,
         wanted: &Wanted<'_>,
     ) -> Result<Picture, ServiceError> {
+        let asked = Instant::now();
         for _ in 0..ATTEMPTS {
+            let begun = Instant::now();
             let job = self.find_job(id).await?;
-            let etag = etag(&job, format);
+            format.check(&job)?;
+            let etag = etag(&job, &format);
             if wanted.is_known(&etag) {
                 let file = PictureFile::Known;
                 return Ok(Picture { etag, file });
             }
-            let file = match self.kept_picture(&job, format, &etag, wanted).await? {
-                None => self.make_picture(&job, format, &etag, wanted).await?,
-                kept => kept,
+            let picture = match job.ended_ms().is_some() && format.is_kept() {
+                true => self.last_picture(&job, &format, etag, wanted).await?,
+                false => self.view((&job, &format, etag), wanted, (asked, begun)).await?,
             };
-            if let Some(file) = file {
-                return Ok(Picture { etag, file });
+            if let Some(picture) = picture {
+                return Ok(picture);
             }
         }
         Err(Problem::new(ErrorCode::Internal, "nodes of the image are missing").into())
     }
 
-    /// Makes the picture of a job, and keeps it if the job has ended; nothing if a node was merged or given up meanwhile.
-    async fn make_picture(
+    /// A picture that was made since it was `asked` for, or is still right, or is made now; nothing if it is to be looked for once
+    /// more. `begun` is when the job was looked up.
+    async fn view(
+        self: &Arc<Self>,
+        (job, format, etag): (&Job, &ImageFormat, String),
+        wanted: &Wanted<'_>,
+        (asked, begun): (Instant, Instant),
+    ) -> Result<Option<Picture>, ServiceError> {
+        let place = self.views.place(job.id(), format);
+        let (mut view, waited) = match place.try_lock() {
+            Ok(view) => (view, false),
+            Err(_) => (place.lock().await, true),
+        };
+        if let Some(found) = view.as_mut() {
+            if found.etag == etag {
+                found.begun = found.begun.max(begun);
+            }
+            if found.begun >= asked {
+                return Ok(Some(found.answer(wanted)));
+            }
+            let rest = PAUSE.checked_sub(found.made.elapsed());
+            if let Some(rest) = rest.filter(|_| format.is_watched() && job.ended_ms().is_none()) {
+                tokio::time::sleep(rest).await;
+                return Ok(None);
+            }
+        }
+        if waited {
+            return Ok(None);
+        }
+        let Some(bytes) = self.make_picture(job, format).await? else {
+            return Ok(None);
+        };
+        self.views.count(&place, bytes.len());
+        let made = Instant::now();
+        let view = view.insert(View {
+            etag,
+            begun,
+            made,
+            bytes,
+        });
+        Ok(Some(view.answer(wanted)))
+    }
+
+    /// The picture of a job that has ended, which is made once and kept; nothing if a node was given up meanwhile.
+    async fn last_picture(
         self: &Arc<Self>,
         job: &Job,
-        format: ImageFormat,
-        etag: &str,
+        format: &ImageFormat,
+        etag: String,
         wanted: &Wanted<'_>,
-    ) -> Result<Option<PictureFile>, ServiceError> {
-        let kept_ms = job.ended_ms().filter(|_| format.is_kept());
-        let _once = match kept_ms {
-            Some(_) => Some(self.finishing.lock().await),
-            None => None,
-        };
-        if let Some(kept) = self.kept_picture(job, format, etag, wanted).await? {
-            return Ok(Some(kept));
+    ) -> Result<Option<Picture>, ServiceError> {
+        if let Some(file) = self.kept_picture(job, format, &etag, wanted).await? {
+            return Ok(Some(Picture { etag, file }));
         }
+        let _once = self.finishing.lock().await;
+        if let Some(file) = self.kept_picture(job, format, &etag, wanted).await? {
+            return Ok(Some(Picture { etag, file }));
+        }
+        let Some(bytes) = self.make_picture(job, format).await? else {
+            return Ok(None);
+        };
+        if let Some(ended_ms) = job.ended_ms() {
+            self.keep_picture((job.id(), ended_ms), format, &etag, bytes.clone())
+                .await;
+        }
+        let file = wanted.part(&etag, &bytes);
+        Ok(Some(Picture { etag, file }))
+    }
+
+    /// Makes the picture of a job; nothing if a node was merged or given up meanwhile.
+    async fn make_picture(self: &Arc<Self>, job: &Job, format: &ImageFormat) -> Result<Option<Bytes>, ServiceError> {
         let _permit = self.pictures.acquire().await.map_err(|_| ServiceError::Stopping)?;
         let Some(image) = self.average(job).await? else {
             return Ok(None);
         };
-        let (metadata, layers) = (metadata(job), job.layers().clone());
+        let (metadata, layers, format) = (metadata(job), job.layers().clone(), format.clone());
         let iterations = image.iterations;
         let encode = move || {
-            let channels = match format {
-                ImageFormat::Exr => layers.channels(&image)?,
-                ImageFormat::Png | ImageFormat::Raw => Vec::new(),
+            let (channels, planes) = match &format {
+                ImageFormat::Exr => (layers.channels(&image)?, vec![]),
+                ImageFormat::Raw(chosen) => (vec![], planes(&image, &metadata.layers, chosen)?),
+                ImageFormat::Png | ImageFormat::Jpeg => (vec![], vec![]),
             };
             let image = layers.picture(image)?;
             let noise = image.noise();
             let bytes = match format {
-                ImageFormat::Raw => encode_raw(&image, noise),
+                ImageFormat::Raw(_) => encode_raw(&image, noise, &planes),
                 ImageFormat::Exr => picture::encode_exr(&image, channels, &PictureMetadata { noise, ..metadata })?,
                 ImageFormat::Png => picture::encode_png(&image)?,
+                ImageFormat::Jpeg => encode_preview(&image)?,
             };
             Ok::<_, PictureError>((bytes, noise))
         };
@@ -129,18 +220,7 @@ impl Service {
             .await
             .map_err(|_| ServiceError::Stopping)??;
         self.histories.measured(job.id(), self.clock.now(), iterations, noise);
-        let bytes = Bytes::from(bytes);
-        if let Some(ended_ms) = kept_ms {
-            self.keep_picture((job.id(), ended_ms), format, etag, bytes.clone())
-                .await;
-        }
-        Ok(Some(match wanted.section(etag, bytes.len() as u64) {
-            Ok(section) => {
-                let part = bytes.slice(section.bytes.start as usize..section.bytes.end as usize);
-                PictureFile::Made(section, part)
-            }
-            Err(length) => PictureFile::Beyond(length),
-        }))
+        Ok(Some(Bytes::from(bytes)))
     }
 
     /// The average, with layers below the picture; nothing if a node was merged or given up meanwhile.
@@ -168,7 +248,7 @@ impl Service {
     }
 }
 
-fn etag(job: &Job, format: ImageFormat) -> String {
+fn etag(job: &Job, format: &ImageFormat) -> String {
     let mut hasher = blake3::Hasher::new();
     let asked = job.control().iterations;
     hasher.update(format!("{VERSION} {format:?} {} {asked}", job.id()).as_bytes());

@@ -16,7 +16,7 @@ impl Service {
     pub(super) async fn kept_picture(
         &self,
         job: &Job,
-        format: ImageFormat,
+        format: &ImageFormat,
         etag: &str,
         wanted: &Wanted<'_>,
     ) -> Result<Option<PictureFile>, ServiceError> {
@@ -51,7 +51,7 @@ impl Service {
     pub(super) async fn keep_picture(
         self: &Arc<Self>,
         (job, ended_ms): (JobId, Millis),
-        format: ImageFormat,
+        format: &ImageFormat,
         etag: &str,
         bytes: Bytes,
     ) {
@@ -63,7 +63,7 @@ impl Service {
     async fn try_keep(
         self: &Arc<Self>,
         (job, ended_ms): (JobId, Millis),
-        format: ImageFormat,
+        format: &ImageFormat,
         etag: &str,
         bytes: Bytes,
     ) -> Result<(), ServiceError> {

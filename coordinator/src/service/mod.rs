@@ -9,6 +9,7 @@ mod ended_tests;
 mod error;
 mod fold;
 mod garbage;
+mod glance;
 mod history;
 mod image;
 mod jobs;
@@ -19,6 +20,7 @@ mod merge;
 mod nodes;
 mod noise;
 mod obstacles;
+mod preview;
 mod raw;
 mod retention;
 mod scenes;
@@ -31,6 +33,7 @@ mod telling;
 #[cfg(test)]
 pub(crate) mod tests;
 mod upload;
+mod views;
 mod waiters;
 #[cfg(test)]
 mod window_tests;
@@ -38,6 +41,7 @@ mod workers;
 
 pub(crate) use counts::{Durations, LEASE_SECONDS};
 pub use error::ServiceError;
+pub(crate) use glance::Glance;
 pub use image::{ImageFormat, Picture, PictureFile};
 pub(crate) use jobs::{PAGE, read_cursor};
 pub(crate) use obstacles::Part;
@@ -95,6 +99,8 @@ pub struct Service {
     at_hand: at_hand::AtHand,
     uploads: Semaphore,
     pictures: Semaphore,
+    views: views::Views,
+    glances: glance::Glances,
     /// Held while the picture of a job that has ended is made.
     finishing: Mutex<()>,
     shared: shared::Shared,
@@ -169,6 +175,8 @@ impl Service {
             at_hand: at_hand::AtHand::default(),
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
+            views: views::Views::default(),
+            glances: glance::Glances::default(),
             finishing: Mutex::default(),
             shared: shared::Shared::default(),
             obstacles: obstacles::Obstacles::default(),
@@ -189,6 +197,7 @@ impl Service {
         if service.take_lead().await? {
             service.sweep().await?;
         }
+        service.look_at_stores().await;
         Ok(service)
     }
 

@@ -234,7 +234,7 @@ impl Service {
         found.map(|(_, obstacle)| obstacle).next()
     }
 
-    /// Looks at the state store and at the jobs now and then, so that whoever asks how the farm is costs nothing.
+    /// Looks at the stores and at the jobs now and then, so that whoever asks how the farm is costs nothing.
     pub(super) async fn look_around(self: Arc<Self>) {
         loop {
             let late = |_| Err(StoreError::Connection("it does not answer".into()));
@@ -243,6 +243,8 @@ impl Service {
             if let Ok(figures) = self.figures().await {
                 *self.obstacles.jobs.lock().unwrap_or_else(PoisonError::into_inner) = figures.waiting;
             }
+            self.look_at_stores().await;
+            self.views.forget_old();
             tokio::time::sleep(LOOK).await;
         }
     }

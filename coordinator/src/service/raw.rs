@@ -3,9 +3,11 @@
 //! All numbers are little-endian. A header of 32 bytes: the letters `photonf1`, pixels across and down (`u32` each), the number of
 //! iterations (`u64`), the noise of the picture (`f64`, NaN where it is unknown). Then for each pixel, row by row from the top left,
 //! four `f32`: radiance in red, green and blue, and the standard error of the luminance, NaN where it is unknown. The values are those
-//! of the OpenEXR file, bit for bit.
+//! of the OpenEXR file, bit for bit. Layers follow likewise: their three channels, or their only one three times, and the standard error
+//! of their luminance, which only those of light have.
 
 use photonfarm_core::film::Image;
+use photonfarm_core::integrator::layers::{Channel, LayerError, Layers};
 
 /// What such a picture begins with.
 const MAGIC: &[u8; 8] = b"photonf1";
@@ -14,19 +16,78 @@ const HEADER: usize = 32;
 /// Bytes of a pixel.
 const PIXEL: usize = 16;
 
-/// Writes an image, of this noise, as plain numbers.
-pub(super) fn encode_raw(image: &Image, noise: Option<f64>) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(HEADER + PIXEL * image.pixels.len());
+/// An image beside the picture.
+pub(super) struct Plane {
+    colours: [Vec<f32>; 3],
+    /// Empty where it is unknown.
+    standard_error: Vec<f32>,
+}
+
+/// Layers of a picture with the layers `names` below it, by their places in that list.
+///
+/// # Errors
+/// An image that is no such stack.
+pub(super) fn planes(stack: &Image, names: &[String], chosen: &[usize]) -> Result<Vec<Plane>, LayerError> {
+    let picture = Layers::parse(names)?.picture_size([stack.width, stack.height]);
+    let size = picture.map(|side| side as usize).iter().product::<usize>();
+    let mut planes = Vec::new();
+    for place in chosen {
+        let before = Layers::parse(&names[..*place])?.stack() as usize;
+        let layer = Layers::parse(&names[*place..=*place])?;
+        // A stack of its own, on whatever lies above it.
+        let range = (before - 1) * size..(before + layer.stack() as usize - 1) * size;
+        let pixels = stack.pixels.get(range).ok_or(LayerError::Stack {
+            height: stack.height,
+            planes: layer.stack(),
+        })?;
+        let alone = Image {
+            height: picture[1] * layer.stack(),
+            pixels: pixels.to_vec(),
+            standard_error: vec![],
+            ..*stack
+        };
+        let is_light = names[*place].starts_with("lamp:") || names[*place].contains('=');
+        let errors = stack.standard_error.get(before * size..(before + 1) * size);
+        for channels in layer.channels(&alone)?.chunks(3) {
+            planes.push(Plane {
+                colours: three(channels),
+                standard_error: errors.filter(|_| is_light).unwrap_or_default().to_vec(),
+            });
+        }
+    }
+    Ok(planes)
+}
+
+/// Three channels, or the only one three times.
+fn three(channels: &[Channel]) -> [Vec<f32>; 3] {
+    std::array::from_fn(|index| channels[index.min(channels.len() - 1)].samples.clone())
+}
+
+/// Writes an image, of this noise, as plain numbers, and others of its size behind it.
+pub(super) fn encode_raw(image: &Image, noise: Option<f64>, planes: &[Plane]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEADER + PIXEL * image.pixels.len() * (1 + planes.len()));
     bytes.extend(MAGIC);
     bytes.extend(image.width.to_le_bytes());
     bytes.extend(image.height.to_le_bytes());
     bytes.extend(image.iterations.to_le_bytes());
     bytes.extend(noise.unwrap_or(f64::NAN).to_le_bytes());
-    for (index, pixel) in image.pixels.iter().enumerate() {
-        let error = image.standard_error.get(index).copied().unwrap_or(f32::NAN);
-        let [r, g, b] = pixel.to_rgb();
-        for value in [r, g, b, error] {
+    let error = |errors: &[f32], index: usize| errors.get(index).copied().unwrap_or(f32::NAN);
+    let mut put = |colours: [f32; 3], error: f32| {
+        for value in colours.into_iter().chain([error]) {
             bytes.extend(value.to_le_bytes());
+        }
+    };
+    for (index, pixel) in image.pixels.iter().enumerate() {
+        put(pixel.to_rgb(), error(&image.standard_error, index));
+    }
+    for Plane {
+        colours,
+        standard_error,
+    } in planes
+    {
+        let [red, green, blue] = colours;
+        for (index, ((r, g), b)) in red.iter().zip(green).zip(blue).enumerate() {
+            put([*r, *g, *b], error(standard_error, index));
         }
     }
     bytes
@@ -75,7 +136,7 @@ mod tests {
                     vec![]
                 },
             };
-            let raw = encode_raw(&image, image.noise());
+            let raw = encode_raw(&image, image.noise(), &[]);
             let exr = decode_exr(&encode_exr(&image, vec![], &metadata()).unwrap(), 100).unwrap();
             assert_eq!((&raw[..8], raw.len()), (&MAGIC[..], 32 + 6 * 16));
             let number = |at: usize| u32::from_le_bytes(raw[at..at + 4].try_into().unwrap());
@@ -89,5 +150,51 @@ mod tests {
                 assert_eq!(found, [r, g, b, error.to_bits()]);
             }
         }
+    }
+
+    #[test]
+    fn layers_follow_the_picture_in_the_order_asked_for() {
+        let names = ["normal", "lamp:a", "depth", "halves"].map(str::to_owned);
+        let layers = Layers::parse(&names).unwrap();
+        let (width, height) = (2, 3);
+        let size = width * height;
+        let pixels = size * layers.stack() as usize;
+        let stack = Image {
+            width: width as u32,
+            height: height as u32 * layers.stack(),
+            iterations: 3,
+            odd_iterations: 2,
+            pixels: (0..pixels)
+                .map(|i| Spectrum::from_rgb([i as f32, 0.5 * i as f32, 7.0]))
+                .collect(),
+            standard_error: (0..pixels).map(|i| 0.25 * i as f32).collect(),
+        };
+        let all = layers.channels(&stack).unwrap();
+        let samples = |name: &str| &all.iter().find(|channel| channel.name == name).unwrap().samples;
+        let planes = planes(&stack, &names, &[2, 1, 3, 0]).unwrap();
+        let expected = [
+            ["depth.Z", "depth.Z", "depth.Z"],
+            ["lamp_a.R", "lamp_a.G", "lamp_a.B"],
+            ["half_a.R", "half_a.G", "half_a.B"],
+            ["half_b.R", "half_b.G", "half_b.B"],
+            ["normal.X", "normal.Y", "normal.Z"],
+        ];
+        assert_eq!(planes.len(), expected.len());
+        for (plane, names) in planes.iter().zip(expected) {
+            let found = plane.colours.iter().zip(names);
+            found.for_each(|(colour, name)| assert_eq!(colour, samples(name), "{name}"));
+        }
+        let with_errors: Vec<bool> = planes.iter().map(|plane| !plane.standard_error.is_empty()).collect();
+        assert_eq!(with_errors, [false, true, false, false, false]);
+        assert_eq!(planes[1].standard_error, stack.standard_error[3 * size..4 * size]);
+
+        let raw = encode_raw(&layers.picture(stack).unwrap(), None, &planes);
+        assert_eq!(raw.len(), HEADER + PIXEL * size * 6);
+        let value = |at: usize| f32::from_le_bytes(raw[at..at + 4].try_into().unwrap());
+        let second = HEADER + PIXEL * size * 2;
+        let last = second + PIXEL * (size - 1);
+        let expected = ["lamp_a.R", "lamp_a.G", "lamp_a.B"].map(|name| samples(name)[size - 1]);
+        assert_eq!([0, 4, 8].map(|offset| value(last + offset)), expected);
+        assert_eq!(value(last + 12), 0.25 * (4 * size - 1) as f32);
     }
 }

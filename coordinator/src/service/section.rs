@@ -1,5 +1,7 @@
 //! Parts of pictures, as clients ask for them with the conditions and ranges of HTTP (RFC 9110, sections 13 and 14).
 
+use super::image::PictureFile;
+use axum::body::Bytes;
 use std::ops::Range;
 
 /// What a client wants of a picture: headers of its request.
@@ -53,6 +55,17 @@ impl Wanted<'_> {
         match bytes.is_empty() {
             true => Err(of),
             false => Ok(Section { bytes, of, partial }),
+        }
+    }
+
+    /// What is wanted of a picture in memory.
+    pub(super) fn part(&self, etag: &str, picture: &Bytes) -> PictureFile {
+        match self.section(etag, picture.len() as u64) {
+            Ok(section) => {
+                let part = picture.slice(section.bytes.start as usize..section.bytes.end as usize);
+                PictureFile::Made(section, part)
+            }
+            Err(length) => PictureFile::Beyond(length),
         }
     }
 }

@@ -256,6 +256,46 @@ async fn a_picture_whose_nodes_are_merged_while_they_are_read_is_begun_anew() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn many_viewers_of_a_job_cause_one_reading_of_its_nodes() {
+    for kind in KINDS {
+        let ground = Ground::new(kind);
+        let (world, faults) = ground.world(2).await;
+        world.arrive(&world.lease().await).await.unwrap();
+        let gate = faults.wait(Step::Read);
+        // A second reading would fail.
+        faults.fail(Step::Read);
+        let format = ImageFormat::Raw(vec![]);
+        let all = Wanted::default();
+        let viewers = (0..8).map(|_| world.service.picture(world.job, format.clone(), &all));
+        let (pictures, ()) = tokio::join!(futures_util::future::join_all(viewers), async {
+            gate.reached().await;
+            gate.open();
+        });
+        let mut seen = Vec::new();
+        for picture in pictures {
+            let Picture { etag, file } = picture.unwrap();
+            let PictureFile::Made(_, bytes) = file else {
+                panic!("{kind:?}: made for all")
+            };
+            seen.push((etag, bytes));
+        }
+        assert!(seen.windows(2).all(|pair| pair[0] == pair[1]), "{kind:?}");
+        let known = Wanted {
+            known: Some(seen[0].0.as_str()),
+            ..all
+        };
+        let again = world.service.picture(world.job, format.clone(), &known).await.unwrap();
+        assert!(matches!(again.file, PictureFile::Known), "{kind:?}");
+        let refused = world.service.picture(world.job, ImageFormat::Raw(vec![0]), &all).await;
+        let problem = refused.err().unwrap().into_problem();
+        assert_eq!(
+            (problem.code, problem.field.as_deref()),
+            (ErrorCode::Invalid, Some("layers"))
+        );
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_picture_of_a_job_that_is_deleted_while_its_nodes_are_read_is_not_found() {
     for kind in KINDS {
         let ground = Ground::new(kind);

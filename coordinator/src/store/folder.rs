@@ -1,6 +1,7 @@
 //! Blobs as files: `<first two digits>/<other digits>` of the name, written aside, synced, then renamed.
 
-use super::{BlobReader, BlobStore, StagedBlob, StoreError, check_folder, not_writable};
+use super::room::room_at;
+use super::{BlobReader, BlobStore, Room, StagedBlob, StoreError, check_folder, not_writable};
 use crate::scheduler::record::BlobName;
 use async_trait::async_trait;
 use bytes::Bytes;
@@ -132,6 +133,10 @@ impl BlobStore for FolderStore {
         let bytes = file.metadata().await.map_err(io(&path))?.len();
         file.seek(SeekFrom::Start(start)).await.map_err(io(&path))?;
         Ok((bytes, Box::new(file)))
+    }
+
+    async fn room(&self) -> Result<Option<Room>, StoreError> {
+        room_at(self.root.clone()).await
     }
 
     async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError> {

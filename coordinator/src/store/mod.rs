@@ -26,6 +26,7 @@ mod postgres_session;
 #[cfg(test)]
 mod postgres_tests;
 mod postgres_tls;
+mod room;
 mod sql;
 mod sql_bundles;
 mod sql_changes;
@@ -46,6 +47,7 @@ pub use folder::FolderStore;
 pub use object::ObjectBlobs;
 pub use place::{BlobPlace, PlaceError, StatePlace};
 pub use postgres::PostgresStore;
+pub use room::Room;
 pub use sqlite::SqliteStore;
 pub use token::TokenRecord;
 
@@ -258,7 +260,7 @@ pub struct NoticeRecord {
 }
 
 /// Bytes of an image of a node of a job whose images have this size, once that is known.
-fn image_bytes(spec: &JobSpec, resolution: Option<[u32; 2]>) -> u64 {
+pub(crate) fn image_bytes(spec: &JobSpec, resolution: Option<[u32; 2]>) -> u64 {
     let [width, height] = resolution.unwrap_or_default();
     let header = NodeHeader {
         job: JobId(0),
@@ -374,6 +376,11 @@ pub trait StateStore: Send + Sync {
     /// Forgets notices that arrived or were given up before a time. Returns how many.
     async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError>;
 
+    /// The room on its disk, where it lies on one that can be looked at.
+    async fn room(&self) -> Result<Option<Room>, StoreError> {
+        Ok(None)
+    }
+
     /// Whether several coordinators may use the store at once.
     fn is_shared(&self) -> bool {
         false
@@ -430,6 +437,11 @@ pub trait BlobStore: Send + Sync {
     /// Names of all blobs, and how long ago each was last published. Both ends of that time are read from the clock of
     /// the store itself, so that it is right whatever the time is on this machine.
     async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError>;
+
+    /// The room on its disk, where it lies on one that can be looked at.
+    async fn room(&self) -> Result<Option<Room>, StoreError> {
+        Ok(None)
+    }
 
     /// All bytes as a stream with its length, not verified.
     async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {

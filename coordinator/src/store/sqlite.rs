@@ -4,12 +4,13 @@
 //! database meanwhile, as a backup does. That file also tells whether the farm was restored or copied: whatever copies
 //! it cannot copy the time of its last change (`ctime`).
 
+use super::room::room_at;
 use super::sql::{Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
 use super::sqlite_schema::{VERSION, foreign, prepare_schema};
 use super::{
-    Announced, Commit, EndedJob, JobFilter, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
-    check_file, not_writable, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
+    Announced, Commit, EndedJob, JobFilter, NoticeRecord, PictureRecord, Room, Sequence, StateStore, StoreError,
+    TokenRecord, check_file, not_writable, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
 };
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -35,6 +36,7 @@ pub struct SqliteStore {
     /// None once closed.
     open: Arc<Mutex<Option<Open>>>,
     identity: FarmIdentity,
+    path: PathBuf,
 }
 
 /// An open database. The lock ends after the connection.
@@ -91,6 +93,7 @@ impl SqliteStore {
         Ok(Self {
             open: Arc::new(Mutex::new(Some(open))),
             identity,
+            path: path.to_owned(),
         })
     }
 
@@ -434,5 +437,9 @@ impl StateStore for SqliteStore {
     async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError> {
         self.change(move |queries| Box::pin(async move { Ok((sql_notices::forget(queries, before).await?, true)) }))
             .await
+    }
+
+    async fn room(&self) -> Result<Option<Room>, StoreError> {
+        room_at(self.path.clone()).await
     }
 }

@@ -81,17 +81,19 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 47] = [
+const ROUTES: [(&str, &str, &[Role]); 49] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
     ("GET", "/v1/jobs/{id}/image.exr", LOOKS),
     ("GET", "/v1/jobs/{id}/image.png", LOOKS),
+    ("GET", "/v1/jobs/{id}/image.jpg", LOOKS),
     ("GET", "/v1/jobs/{id}/image.raw", LOOKS),
     ("GET", "/v1/jobs/{id}/events", LOOKS),
     ("GET", "/v1/jobs/{id}/history", LOOKS),
     ("GET", "/v1/jobs/{id}/log", LOOKS),
     ("GET", "/v1/events", LOOKS),
+    ("GET", "/v1/farm", LOOKS),
     ("GET", "/v1/session", LOOKS),
     ("POST", "/v1/session", LOOKS),
     ("DELETE", "/v1/session", LOOKS),

@@ -2,7 +2,7 @@
 
 use crate::access::{Closed, request};
 use crate::support::{Farm, expect_problem};
-use photonfarm_proto::api::{FarmNews, Session};
+use photonfarm_proto::api::{FarmFigures, FarmNews, Session};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobState;
 use photonfarm_proto::problem::ErrorCode;
@@ -54,6 +54,10 @@ async fn a_stream_tells_the_whole_farm_and_then_what_changes() {
     let mut stream = farm.get("events").await;
     let first = news(&mut stream).await;
     assert!(first.whole && first.workers == Some(Vec::new()) && first.jobs[0].id == job);
+    let figures: FarmFigures = farm.get("farm").await.json().await.unwrap();
+    assert_eq!(figures, first.figures);
+    let asked = (figures.jobs_queued, figures.jobs_running, figures.pending_iterations);
+    assert_eq!((asked, figures.stores.len()), ((1, 0, 3), 3));
     let worker = farm.register().await;
     let second = news(&mut stream).await;
     assert!(!second.whole && second.gone.is_empty());

@@ -8,7 +8,7 @@ use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::codec::{decode, encode};
 use photonfarm_proto::history::{JobHistory, LeaseOutcome};
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
-use photonfarm_proto::job::{JobState, Totals};
+use photonfarm_proto::job::{JobState, JobStatus, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::waiting::Waiting;
@@ -59,6 +59,7 @@ async fn images_come_at_any_time_and_are_named_by_their_tag() {
     for (name, magic) in [
         ("image.exr", b"\x76\x2f\x31\x01"),
         ("image.png", b"\x89PNG"),
+        ("image.jpg", b"\xff\xd8\xff\xe0"),
         ("image.raw", b"phot"),
     ] {
         let path = format!("jobs/{job}/{name}");
@@ -93,7 +94,7 @@ async fn images_come_at_any_time_and_are_named_by_their_tag() {
     expect_problem(farm.get("jobs/9/history").await, ErrorCode::NotFound).await;
     let cancel = farm.request(Method::POST, &format!("jobs/{job}/cancel")).send();
     assert_eq!(cancel.await.unwrap().status(), StatusCode::OK);
-    for name in ["image.exr", "image.png", "image.raw"] {
+    for name in ["image.exr", "image.png", "image.jpg", "image.raw"] {
         let mut answers = Vec::new();
         for _ in 0..2 {
             let reply = farm.get(&format!("jobs/{job}/{name}")).await;
@@ -152,6 +153,55 @@ async fn fetched_in_parts(farm: &Farm, path: &str, tag: &str, whole: &[u8]) {
     assert_eq!(beyond.headers()["content-range"], format!("bytes */{length}"));
     let problem = expect_problem(beyond, ErrorCode::RangeNotSatisfiable).await;
     assert!(problem.detail.contains(&length.to_string()), "{problem}");
+}
+
+#[tokio::test]
+async fn layers_come_as_plain_numbers_in_the_order_asked_for() {
+    let farm = Farm::start().await;
+    let mut spec = farm.spec(2).await;
+    spec["layers"] = json!(["normal", "lamp:a", "depth"]);
+    let job = farm
+        .post_json("jobs", &spec)
+        .await
+        .json::<JobStatus>()
+        .await
+        .unwrap()
+        .id;
+    let worker = farm.register().await;
+    let assignment = farm.lease(worker).await;
+    // The picture, what of the normal is above zero, what is below, the lamp, the distance.
+    let planes = [1.0, 0.5, 0.25, 2.0, 8.0]
+        .map(|value| [Spectrum::splat(value); 4])
+        .concat();
+    let node = Node::leaf(0, 2, 10, &planes).unwrap();
+    let sent = farm.send("nodes", body(&upload(&assignment, &node))).await;
+    assert_eq!(sent.status(), StatusCode::OK);
+    let values = async |layers: &str| {
+        let bytes = farm
+            .get(&format!("jobs/{job}/image.raw{layers}"))
+            .await
+            .bytes()
+            .await
+            .unwrap();
+        let (values, _) = bytes[32..].as_chunks::<16>();
+        let first = |pixel: &[u8; 16]| f32::from_le_bytes(pixel[..4].try_into().unwrap());
+        values.iter().map(first).collect::<Vec<f32>>()
+    };
+    assert_eq!(values("").await, [1.0; 4]);
+    assert_eq!(values("?layers=3,1").await, [[1.0; 4], [8.0; 4], [0.25; 4]].concat());
+    assert_eq!(values("?layers=2").await, [[1.0; 4], [2.0; 4]].concat());
+    for (layers, said) in [
+        ("4", "has 3 layers"),
+        ("0", "from 1"),
+        ("1,", "from 1"),
+        ("17", "from 1"),
+        ("x", "from 1"),
+    ] {
+        let refused = farm.get(&format!("jobs/{job}/image.raw?layers={layers}")).await;
+        let problem = expect_problem(refused, ErrorCode::Invalid).await;
+        assert_eq!(problem.field.as_deref(), Some("layers"));
+        assert!(problem.detail.contains(said), "{problem}");
+    }
 }
 
 #[tokio::test]

@@ -1,0 +1,29 @@
+//! Room on disks.
+
+use super::StoreError;
+use std::path::PathBuf;
+
+/// The room on the disk that a store lies on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Room {
+    /// Bytes that may still be written.
+    pub free: u64,
+    /// Bytes in all.
+    pub total: u64,
+}
+
+/// The room on the disk that a folder or a file lies on.
+pub(super) async fn room_at(path: PathBuf) -> Result<Option<Room>, StoreError> {
+    let looked = tokio::task::spawn_blocking(move || {
+        let disk = rustix::fs::statvfs(&path).map_err(|error| StoreError::Io {
+            path,
+            source: error.into(),
+        })?;
+        let bytes = |blocks: u64| blocks.saturating_mul(disk.f_frsize);
+        Ok(Some(Room {
+            free: bytes(disk.f_bavail),
+            total: bytes(disk.f_blocks),
+        }))
+    });
+    looked.await.map_err(|_| StoreError::Stopped)?
+}
