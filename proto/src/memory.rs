@@ -24,7 +24,8 @@ fn step(memory_mb: u32) -> u32 {
 /// The next step from an amount up [MiB].
 #[must_use]
 pub fn step_up(memory_mb: u32) -> u32 {
-    memory_mb.min(MOST_MEMORY_MB).next_multiple_of(step(memory_mb))
+    let memory_mb = memory_mb.min(MOST_MEMORY_MB);
+    memory_mb.next_multiple_of(step(memory_mb))
 }
 
 /// The next step from an amount down [MiB].

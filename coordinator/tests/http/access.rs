@@ -81,7 +81,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 49] = [
+const ROUTES: [(&str, &str, &[Role]); 50] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
