@@ -85,7 +85,7 @@ def test_point_light():
     bpy.ops.mesh.primitive_plane_add(size=12)
     bpy.context.object.data.materials.append(node_material("Floor", "ShaderNodeBsdfDiffuse", Color=(0.8, 0.8, 0.8, 1.0)))
     bpy.ops.mesh.primitive_cube_add(size=1, location=(0, 0, 1.2))
-    add_light("POINT", 500.0, (0, 0, 4.0), shadow_soft_size=0.7, use_soft_falloff=False)
+    add_light("POINT", 500.0, (0, 0, 4.0), shadow_soft_size=0.7)
     scene.camera.location, scene.camera.rotation_euler = (0, -9, 1.5), (1.4, 0, 0)
     ours, theirs, notes = beside_cycles(scene, "point", 64, 64)
     assert not any("size of lights" in note for note in notes), notes
