@@ -23,6 +23,7 @@ use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use crate::job::{FailureKind, JobSpec, Totals};
 use crate::node::{NodeHeader, NodeKey};
 use crate::planes;
+use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -224,7 +225,8 @@ pub fn read_statistics(body: &[u8], values: usize) -> Option<Vec<f32>> {
     (BlobHash::of(bytes).0 == hash).then(|| planes::values(bytes))
 }
 
-/// What loading the scene of a job has shown: how it decides over settings that the job leaves to it, and what it was warned about.
+/// What loading the scene of a job has shown: how it decides over settings that the job leaves to it, what it was warned about, and what
+/// the picture's file says of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneReport {
     /// The lease.
@@ -238,6 +240,9 @@ pub struct SceneReport {
     pub integrator: IntegratorSettings,
     /// What is not rendered as it is written, each with its place: at most [`MOST_WARNINGS`], of at most [`TEXT_BYTES`] bytes each.
     pub warnings: Vec<String>,
+    /// What the picture's file says of the scene, as JSON too.
+    #[serde(with = "json_text")]
+    pub facts: SceneFacts,
 }
 
 /// An iteration that could not be rendered. The lease ends.
@@ -367,6 +372,7 @@ mod tests {
             seed: u64::MAX,
             schedule: Default::default(),
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,

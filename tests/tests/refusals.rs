@@ -226,6 +226,16 @@ fn an_interrupted_render_leaves_the_old_picture_and_keeps_a_partial_one() {
         "temporary files were left: {:?}",
         files_in(&scratch)
     );
+    // A render of the name that comes to its end leaves nothing of the one before.
+    printed(&photonfarm(&[
+        "render",
+        text(&scene),
+        "-o",
+        text(&output),
+        "--iterations",
+        "2",
+    ]));
+    assert_eq!(files_in(folder.path()), ["a.exr", "a.png", "scratch"]);
 }
 
 /// `--preview` shows the picture in its place before it is done.
@@ -303,7 +313,11 @@ fn a_picture_is_repeated_and_what_cannot_repeat_it_is_refused() {
             renderer,
             ..metadata.clone()
         };
-        fs::write(path("old.exr"), picture::encode_exr(&image, vec![], &other).unwrap()).unwrap();
+        fs::write(
+            path("old.exr"),
+            picture::encode_exr(&image, Default::default(), &other).unwrap(),
+        )
+        .unwrap();
         let errors = refused("a.xml", &path("old.exr"));
         assert!(errors.contains(said), "{errors}");
     }

@@ -13,6 +13,7 @@ use crate::parcel::{self, Farewell, Parcel, Upload};
 use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
+use photonfarm_core::film::Window;
 use photonfarm_core::settings::{IntegratorSettings, SettingError};
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
@@ -128,7 +129,13 @@ pub struct Worker {
 }
 
 /// What makes two jobs share a loaded scene.
-type SceneKey = (BlobHash, String, BTreeMap<String, String>, Option<String>, Vec<String>);
+type SceneKey = (
+    BlobHash,
+    String,
+    BTreeMap<String, String>,
+    Option<String>,
+    (Vec<String>, Option<Window>),
+);
 
 /// The coordinator's terms, as of the last registration.
 #[derive(Clone, Copy)]
@@ -405,8 +412,8 @@ impl Worker {
         }
     }
 
-    /// All settings. The coordinator is told how the scene has decided over those that the job leaves to it, and what it was warned
-    /// about, if there is any of that.
+    /// All settings. The coordinator is told how the scene has decided over those that the job leaves to it, what it was warned about, and
+    /// what the picture's file says of it, if there is any of that.
     async fn resolve(
         &self,
         scene: &dyn LoadedScene,
@@ -420,7 +427,8 @@ impl Worker {
             None => spec.integrator.resolve(&scene.wishes()).map_err(of_scene)?,
         };
         let warnings: Vec<String> = scene.warnings().into_iter().take(MOST_WARNINGS).map(cut_text).collect();
-        if spec.integrator.complete().is_some() && warnings.is_empty() {
+        let facts = scene.facts();
+        if spec.integrator.complete().is_some() && warnings.is_empty() && facts.is_empty() {
             return Ok(integrator);
         }
         let Lease { token, worker, job, .. } = *lease;
@@ -430,6 +438,7 @@ impl Worker {
             job,
             integrator: integrator.clone(),
             warnings,
+            facts,
         };
         let said: Result<Acknowledged, _> = self.client.insist("worker/scene", &report, drain).await;
         match said {
@@ -466,7 +475,7 @@ impl Worker {
     /// The scene of a job, loaded before or now.
     async fn load(&mut self, spec: &JobSpec, drain: &CancellationToken) -> Result<Arc<dyn LoadedScene>, LoadError> {
         let (main, defines, sensor) = (spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
-        let key = (spec.scene, main, defines, sensor, spec.layers.clone());
+        let key = (spec.scene, main, defines, sensor, (spec.layers.clone(), spec.crop));
         if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
             return Ok(scene.clone());
         }

@@ -1,5 +1,6 @@
 //! What is kept: changes to the farm's state, and the records that they leave.
 
+use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::id::{BlobHash, HashError, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
@@ -270,6 +271,9 @@ pub struct JobControl {
     /// What the scene was warned about.
     #[serde(default)]
     pub warnings: Vec<String>,
+    /// What the picture's file says of the scene.
+    #[serde(default, skip_serializing_if = "SceneFacts::is_empty")]
+    pub facts: SceneFacts,
     /// The job that is to be done first, until it is.
     #[serde(default)]
     pub after: Option<JobId>,
@@ -287,6 +291,7 @@ impl JobControl {
             stop: None,
             integrator: None,
             warnings: Vec::new(),
+            facts: SceneFacts::default(),
             after: spec.after,
         }
     }

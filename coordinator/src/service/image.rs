@@ -6,7 +6,7 @@ use crate::scheduler::Job;
 use crate::store::BlobReader;
 use axum::body::Bytes;
 use photonfarm_core::film::Image;
-use photonfarm_core::picture::{self, PictureError, PictureMetadata};
+use photonfarm_core::picture::{self, Beside, PictureError, PictureMetadata};
 use photonfarm_core::tree::Average;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -105,18 +105,22 @@ impl Service {
         let Some(image) = self.average(job).await? else {
             return Ok(None);
         };
-        let (metadata, layers) = (metadata(job), job.layers());
+        let (metadata, layers, facts) = (metadata(job), job.layers(), job.control().facts.clone());
         let iterations = image.iterations;
         let encode = move || {
-            let channels = match format {
-                ImageFormat::Exr => layers.channels(&image)?,
-                ImageFormat::Png | ImageFormat::Raw => Vec::new(),
+            let beside = match format {
+                ImageFormat::Exr => Beside {
+                    channels: layers.channels(&image)?,
+                    attributes: layers.attributes(&facts.objects, &facts.materials),
+                    whole: facts.picture,
+                },
+                ImageFormat::Png | ImageFormat::Raw => Beside::default(),
             };
             let image = layers.picture(image)?;
             let noise = image.noise();
             let bytes = match format {
                 ImageFormat::Raw => encode_raw(&image, noise),
-                ImageFormat::Exr => picture::encode_exr(&image, channels, &PictureMetadata { noise, ..metadata })?,
+                ImageFormat::Exr => picture::encode_exr(&image, beside, &PictureMetadata { noise, ..metadata })?,
                 ImageFormat::Png => picture::encode_png(&image)?,
             };
             Ok::<_, PictureError>((bytes, noise))
@@ -187,6 +191,7 @@ fn metadata(job: &Job) -> PictureMetadata {
         defines: spec.defines.clone(),
         sensor: spec.sensor.clone(),
         layers: spec.layers.clone(),
+        crop: spec.crop,
         integrator: integrator.clone(),
         warnings: job.control().warnings.clone(),
         seed: spec.seed,

@@ -179,6 +179,7 @@ mod tests {
             stop: None,
             integrator: None,
             warnings: vec![],
+            facts: Default::default(),
             after: None,
         }
     }

@@ -35,7 +35,7 @@ pub(super) fn encode_raw(image: &Image, noise: Option<f64>) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_core::picture::{PictureMetadata, decode_exr, encode_exr};
+    use photonfarm_core::picture::{Beside, PictureMetadata, decode_exr, encode_exr};
     use photonfarm_core::spectrum::Spectrum;
 
     fn metadata() -> PictureMetadata {
@@ -48,6 +48,7 @@ mod tests {
             defines: Default::default(),
             sensor: None,
             layers: vec![],
+            crop: None,
             integrator,
             warnings: vec![],
             seed: 0,
@@ -76,7 +77,7 @@ mod tests {
                 },
             };
             let raw = encode_raw(&image, image.noise());
-            let exr = decode_exr(&encode_exr(&image, vec![], &metadata()).unwrap(), 100).unwrap();
+            let exr = decode_exr(&encode_exr(&image, Beside::default(), &metadata()).unwrap(), 100).unwrap();
             assert_eq!((&raw[..8], raw.len()), (&MAGIC[..], 32 + 6 * 16));
             let number = |at: usize| u32::from_le_bytes(raw[at..at + 4].try_into().unwrap());
             assert_eq!([8, 12, 16, 20].map(number), [3, 2, 7, 0]);

@@ -381,6 +381,7 @@ impl Farm {
             seed: SEED,
             schedule: Default::default(),
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,
