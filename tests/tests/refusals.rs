@@ -44,6 +44,25 @@ fn outputs_that_cannot_be_written_are_refused_before_rendering() {
     assert!(files_in(folder.path()).is_empty());
 }
 
+#[test]
+fn windows_that_no_picture_has_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, output) = (scene("constant.xml"), folder.path().join("a.exr"));
+    for (integrator, window, reason) in [
+        (
+            "path",
+            "9,0,99999x1",
+            "--crop: the window 9,0,99999x1 is not within the picture",
+        ),
+        ("sppm", "0,0,1x1", "--crop: sppm renders no windows"),
+    ] {
+        let render = ["render", text(&scene), "-o", text(&output), "--crop", window];
+        let errors = refusal(&[&render[..], &["--integrator", integrator]].concat());
+        assert!(errors.contains(reason), "{errors}");
+    }
+    assert!(files_in(folder.path()).is_empty());
+}
+
 /// `check` says what a scene holds, and fails where `render` would: with all errors, also as JSON.
 #[test]
 fn a_scene_is_checked_without_being_rendered() {
