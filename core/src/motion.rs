@@ -90,7 +90,6 @@ impl Scene {
                     .map_or(self.sensor.to_world, |to_world| to_world.at(time)),
                 ..self.sensor.clone()
             },
-            notes: Vec::new(),
             motion: None,
             ..self.clone()
         }

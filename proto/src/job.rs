@@ -5,6 +5,7 @@ use crate::id::{BlobHash, JobId, WorkerId};
 use crate::limits::{LimitError, Limits, within};
 use crate::schedule::{Checkpoint, Schedule, Stop};
 use crate::waiting::Waiting;
+use photonfarm_core::film::{Window, WindowError};
 use photonfarm_core::integrator::layers::{LayerError, Layers};
 use photonfarm_core::integrator::{self, Counts};
 use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
@@ -44,10 +45,15 @@ pub struct JobSpec {
     pub schedule: Schedule,
     /// Layers beside the picture: `alpha`, `albedo`, `normal`, `depth`, `position`, `halves`, `lamp:NAME` for the light of a lamp of the
     /// scene, `lamp:NAME+NAME` for that of several, `lamp:*` for that of all which no other layer names,
-    /// `NAME=EXPRESSION` for the light along some paths, such as `caustic=L S+ D E`.
+    /// `NAME=EXPRESSION` for the light along some paths, such as `caustic=L S+ D E`; `samples` for the number of camera paths of each
+    /// pixel, `cryptomatte:object` and `cryptomatte:material` for what is seen.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 16, example = json!(["albedo", "lamp:*"]))]
     pub layers: Vec<String>,
+    /// The window of the picture that is rendered, whose pixels are those of the whole picture; all of it by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<WindowSchema>)]
+    pub crop: Option<Window>,
     /// A name for people, which changes nothing in the picture and need not be the only one of its kind.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     #[schema(max_length = 200)]
@@ -94,12 +100,20 @@ impl JobSpec {
         self.layers()
             .and_then(|layers| layers.check_integrator(self.integrator.with_defaults()))
             .map_err(|error| LimitError::invalid("layers", error.to_string()))?;
+        self.check_crop()
+            .map_err(|error| LimitError::invalid("crop", error.to_string()))?;
         if self.name.len() > NAME_BYTES || self.name.chars().any(char::is_control) {
             let reason = format!("a name is text of at most {NAME_BYTES} bytes without control characters");
             return Err(LimitError::invalid("name", reason));
         }
         check_labels(&self.labels)?;
         self.schedule.check()
+    }
+
+    /// Checks what can be checked of the window without the scene.
+    fn check_crop(&self) -> Result<(), WindowError> {
+        let crop = self.crop.map(Window::check).transpose()?;
+        self.integrator.with_defaults().check_window(crop)
     }
 
     /// The layers.
@@ -145,6 +159,34 @@ impl PartialSchema for IntegratorSchema {
 impl ToSchema for IntegratorSchema {
     fn name() -> Cow<'static, str> {
         Cow::Borrowed("Integrator")
+    }
+}
+
+/// What the OpenAPI document says of a window of a picture.
+struct WindowSchema;
+
+impl PartialSchema for WindowSchema {
+    fn schema() -> RefOr<Schema> {
+        let whole = |least: u32, text: &str| json!({"type": "integer", "format": "int32", "minimum": least, "description": text});
+        let schema = json!({
+            "type": "object",
+            "description": "A window of a picture.",
+            "required": ["x", "y", "width", "height"],
+            "properties": {
+                "x": whole(0, "Columns of the picture to the left of it."),
+                "y": whole(0, "Rows of the picture above it."),
+                "width": whole(1, "Pixels across."),
+                "height": whole(1, "Pixels down."),
+            },
+            "additionalProperties": false,
+        });
+        serde_json::from_value(schema).expect("a schema of an object is one of OpenAPI")
+    }
+}
+
+impl ToSchema for WindowSchema {
+    fn name() -> Cow<'static, str> {
+        Cow::Borrowed("Window")
     }
 }
 
@@ -445,6 +487,7 @@ mod tests {
             seed: 0,
             schedule: Default::default(),
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,

@@ -26,6 +26,7 @@ use crate::memory::Shortage;
 use crate::node::{NodeHeader, NodeKey};
 use crate::planes;
 use crate::rest::Rest;
+use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -231,7 +232,8 @@ pub fn read_statistics(body: &[u8], values: usize) -> Option<Vec<f32>> {
     (BlobHash::of(bytes).0 == hash).then(|| planes::values(bytes))
 }
 
-/// What loading the scene of a job has shown: how it decides over settings that the job leaves to it, and what it was warned about.
+/// What loading the scene of a job has shown: how it decides over settings that the job leaves to it, what it was warned about, and what
+/// the picture's file says of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneReport {
     /// The lease.
@@ -245,6 +247,9 @@ pub struct SceneReport {
     pub integrator: IntegratorSettings,
     /// What is not rendered as it is written, each with its place: at most [`MOST_WARNINGS`], of at most [`TEXT_BYTES`] bytes each.
     pub warnings: Vec<String>,
+    /// What the picture's file says of the scene, as JSON too.
+    #[serde(with = "json_text")]
+    pub facts: SceneFacts,
 }
 
 /// An iteration that could not be rendered. The lease ends.
@@ -377,6 +382,7 @@ mod tests {
             seed: u64::MAX,
             schedule: Default::default(),
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,

@@ -44,6 +44,25 @@ fn outputs_that_cannot_be_written_are_refused_before_rendering() {
     assert!(files_in(folder.path()).is_empty());
 }
 
+#[test]
+fn windows_that_no_picture_has_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, output) = (scene("constant.xml"), folder.path().join("a.exr"));
+    for (integrator, window, reason) in [
+        (
+            "path",
+            "9,0,99999x1",
+            "--crop: the window 9,0,99999x1 is not within the picture",
+        ),
+        ("sppm", "0,0,1x1", "--crop: sppm renders no windows"),
+    ] {
+        let render = ["render", text(&scene), "-o", text(&output), "--crop", window];
+        let errors = refusal(&[&render[..], &["--integrator", integrator]].concat());
+        assert!(errors.contains(reason), "{errors}");
+    }
+    assert!(files_in(folder.path()).is_empty());
+}
+
 /// `check` says what a scene holds, and fails where `render` would: with all errors, also as JSON.
 #[test]
 fn a_scene_is_checked_without_being_rendered() {
@@ -226,6 +245,16 @@ fn an_interrupted_render_leaves_the_old_picture_and_keeps_a_partial_one() {
         "temporary files were left: {:?}",
         files_in(&scratch)
     );
+    // A render of the name that comes to its end leaves nothing of the one before.
+    printed(&photonfarm(&[
+        "render",
+        text(&scene),
+        "-o",
+        text(&output),
+        "--iterations",
+        "2",
+    ]));
+    assert_eq!(files_in(folder.path()), ["a.exr", "a.png", "scratch"]);
 }
 
 /// `--preview` shows the picture in its place before it is done.
@@ -303,7 +332,11 @@ fn a_picture_is_repeated_and_what_cannot_repeat_it_is_refused() {
             renderer,
             ..metadata.clone()
         };
-        fs::write(path("old.exr"), picture::encode_exr(&image, vec![], &other).unwrap()).unwrap();
+        fs::write(
+            path("old.exr"),
+            picture::encode_exr(&image, Default::default(), &other).unwrap(),
+        )
+        .unwrap();
         let errors = refused("a.xml", &path("old.exr"));
         assert!(errors.contains(said), "{errors}");
     }

@@ -7,7 +7,7 @@ use photonfarm_tests::farm::balance;
 use photonfarm_tests::processes::{Process, get, jobs, photonfarm, printed, scene, serve_with, wait_for};
 
 const ITERATIONS: u64 = 24;
-const JOB: [&str; 18] = [
+const JOB: [&str; 24] = [
     "--iterations",
     "24",
     "--seed",
@@ -26,6 +26,12 @@ const JOB: [&str; 18] = [
     "halves",
     "--layer",
     "lamp:*",
+    "--layer",
+    "cryptomatte:object",
+    "--layer",
+    "cryptomatte:material",
+    "--crop",
+    "5,3,40x44",
 ];
 
 fn job(url: &str) -> Option<JobStatus> {

@@ -145,7 +145,9 @@ impl From<RenderError> for LeafError {
     fn from(error: RenderError) -> Self {
         match error {
             RenderError::Cancelled => Self::Cancelled,
-            RenderError::Setting(_) | RenderError::Layer(_) => Self::Failed(FailureKind::Scene, error.to_string()),
+            RenderError::Setting(_) | RenderError::Layer(_) | RenderError::Window(_) => {
+                Self::Failed(FailureKind::Scene, error.to_string())
+            }
             RenderError::BadPixel { .. } | RenderError::Statistics { .. } | RenderError::Textures { .. } => {
                 Self::Failed(FailureKind::Render, error.to_string())
             }

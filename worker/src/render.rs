@@ -2,8 +2,9 @@
 
 use crate::cache::{BundleFiles, FileError};
 use bytes::Bytes;
-use photonfarm_core::integrator::layers::Layers;
+use photonfarm_core::integrator::layers::{Layers, Memory};
 use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
+use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles, Wishes};
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::job::{BandwidthRange, JobSpec};
@@ -24,6 +25,10 @@ pub trait LoadedScene: Send + Sync {
     /// What of the scene is not rendered as it is written, each with its place.
     fn warnings(&self) -> Vec<String> {
         Vec::new()
+    }
+    /// What the picture's file says of the scene.
+    fn facts(&self) -> SceneFacts {
+        SceneFacts::default()
     }
     /// The bandwidth of an iteration that goes on from the statistics `before`, if the integrator has one.
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange>;
@@ -47,9 +52,10 @@ impl Renderer for CoreRenderer {
         let limits = Limits::default();
         let scene = Scene::load_sensor(files, &spec.main, &spec.defines, spec.sensor.as_deref(), &limits);
         let scene = scene.map_err(|error| error.to_string())?;
+        let scene = scene.cropped(spec.crop).map_err(|error| format!("crop: {error}"))?;
         let layers = spec.layers().map_err(|error| error.to_string())?;
         layers.check_scene(&scene).map_err(|error| error.to_string())?;
-        Ok(Arc::new(CoreScene { scene, layers }))
+        Ok(Arc::new(CoreScene::new(scene, layers)))
     }
 }
 
@@ -77,12 +83,25 @@ pub struct CoreScene {
     /// The scene.
     pub scene: Scene,
     /// What is rendered beside the picture.
-    pub layers: Layers,
+    layers: Layers,
+    memory: Memory,
+}
+
+impl CoreScene {
+    /// A scene with what is rendered beside its picture.
+    #[must_use]
+    pub fn new(scene: Scene, layers: Layers) -> Self {
+        Self {
+            scene,
+            layers,
+            memory: Memory::default(),
+        }
+    }
 }
 
 impl LoadedScene for CoreScene {
     fn resolution(&self) -> [u32; 2] {
-        self.layers.stacked(self.scene.film.resolution)
+        self.layers.stacked(self.scene.film.size())
     }
 
     fn wishes(&self) -> Wishes {
@@ -91,6 +110,10 @@ impl LoadedScene for CoreScene {
 
     fn warnings(&self) -> Vec<String> {
         self.scene.warnings.iter().map(ToString::to_string).collect()
+    }
+
+    fn facts(&self) -> SceneFacts {
+        SceneFacts::of(&self.scene, &self.layers)
     }
 
     fn bandwidth(&self, settings: &IntegratorSettings, iteration: u32, before: &[f32]) -> Option<BandwidthRange> {
@@ -113,6 +136,7 @@ impl LoadedScene for CoreScene {
         before: &[f32],
         observer: &dyn Observer,
     ) -> Result<Iteration, RenderError> {
-        integrator::render_with_layers(&self.scene, &self.layers, settings, seed, iteration, before, observer)
+        let layers = (&self.layers, &self.memory);
+        integrator::render_with_layers(&self.scene, layers, settings, seed, iteration, before, observer)
     }
 }

@@ -16,6 +16,7 @@ use crate::shift::{Rests, Shift};
 use crate::witness::{self, Bench, Witness};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
+use photonfarm_core::film::Window;
 use photonfarm_core::settings::{IntegratorSettings, SettingError};
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
@@ -60,7 +61,13 @@ pub struct Worker {
 }
 
 /// What makes two jobs share a loaded scene.
-type SceneKey = (BlobHash, String, BTreeMap<String, String>, Option<String>, Vec<String>);
+type SceneKey = (
+    BlobHash,
+    String,
+    BTreeMap<String, String>,
+    Option<String>,
+    (Vec<String>, Option<Window>),
+);
 
 /// The coordinator's terms, as of the last registration.
 #[derive(Clone, Copy)]
@@ -401,8 +408,8 @@ impl Worker {
         }
     }
 
-    /// All settings. The coordinator is told how the scene has decided over those that the job leaves to it, and what it was warned
-    /// about, if there is any of that.
+    /// All settings. The coordinator is told how the scene has decided over those that the job leaves to it, what it was warned about, and
+    /// what the picture's file says of it, if there is any of that.
     async fn resolve(
         &self,
         scene: &dyn LoadedScene,
@@ -416,7 +423,8 @@ impl Worker {
             None => spec.integrator.resolve(&scene.wishes()).map_err(of_scene)?,
         };
         let warnings: Vec<String> = scene.warnings().into_iter().take(MOST_WARNINGS).map(cut_text).collect();
-        if spec.integrator.complete().is_some() && warnings.is_empty() {
+        let facts = scene.facts();
+        if spec.integrator.complete().is_some() && warnings.is_empty() && facts.is_empty() {
             return Ok(integrator);
         }
         let Lease { token, worker, job, .. } = *lease;
@@ -426,6 +434,7 @@ impl Worker {
             job,
             integrator: integrator.clone(),
             warnings,
+            facts,
         };
         let said: Result<Acknowledged, _> = self.client.insist("worker/scene", &report, drain).await;
         match said {
@@ -495,7 +504,7 @@ impl Worker {
 
 fn scene_key(spec: &JobSpec) -> SceneKey {
     let (main, defines, sensor) = (spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
-    (spec.scene, main, defines, sensor, spec.layers.clone())
+    (spec.scene, main, defines, sensor, (spec.layers.clone(), spec.crop))
 }
 
 fn failure(lease: &Lease, leaf: u32, kind: FailureKind, message: String) -> Farewell {

@@ -20,6 +20,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
+use photonfarm_core::film::Window;
 use photonfarm_core::integrator::{INTEGRATORS, Integrator};
 use photonfarm_core::settings::reference;
 use photonfarm_proto::id::JobId;
@@ -259,10 +260,14 @@ pub(crate) struct JobArgs {
     #[arg(long, value_name = "N|ID")]
     pub(crate) sensor: Option<String>,
     /// A layer of the picture's file (repeatable): alpha, albedo, normal, depth, position, halves (odd and even iterations),
-    /// lamp:NAME for the light of one lamp, lamp:A+B for that of several, lamp:* for that of all the others (`check` lists the lamps),
+    /// samples, cryptomatte:object, cryptomatte:material, lamp:NAME for the light of one lamp, lamp:A+B for that of several, lamp:* for that of all the others (`check` lists the lamps),
     /// NAME='L S+ D E' for the light along some paths: light, mirrors or glass, a rough surface, eye; docs/LAYERS.md explains them
     #[arg(long, value_name = "NAME")]
     pub(crate) layer: Vec<String>,
+    /// Render a window of the picture alone: columns to its left, rows above it, pixels across and down. Its pixels are those of the whole
+    /// picture, bit for bit
+    #[arg(long, value_name = "X,Y,WxH")]
+    pub(crate) crop: Option<Window>,
     #[arg(long, value_name = "NAME=VALUE", value_parser = pair, help = "Set an integrator's setting (repeatable)", long_help = set_help())]
     pub(crate) set: Vec<(String, String)>,
     /// Refuse a scene of which something is left out or replaced, or that is probably not meant so: warnings of the scene are errors
@@ -273,7 +278,7 @@ pub(crate) struct JobArgs {
     pub(crate) verbose: bool,
     /// Repeat this picture of the scene, or go on with a partial one: integrator, settings, iterations, seed and parameters
     /// are those that it names. Refused where scene or renderer are others
-    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "frame", "sensor", "layer", "set"])]
+    #[arg(long, value_name = "OLD.exr", conflicts_with_all = ["integrator", "iterations", "seed", "define", "frame", "sensor", "layer", "crop", "set"])]
     pub(crate) from: Option<PathBuf>,
 }
 

@@ -85,7 +85,7 @@ impl Report {
             scene: job.spec.main.clone(),
             contents: scene.contents.clone(),
             lamps: scene.lamps.iter().cloned().collect(),
-            resolution: scene.film.resolution,
+            resolution: scene.film.size(),
             bounds: [lower.to_array(), upper.to_array()],
             integrator: job.spec.integrator.with_defaults().clone(),
             iterations: job.spec.iterations,

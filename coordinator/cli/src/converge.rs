@@ -89,14 +89,14 @@ pub(crate) fn run(args: ConvergeArgs) -> Result<()> {
     let plot = args.plot.as_deref().map(OutputFile::check).transpose()?;
     let reference = read(&args.reference)?.pixels;
     let (job, scene) = PreparedJob::new(&args.job)?;
-    check_sizes(&args, &reference, scene.film.resolution)?;
+    check_sizes(&args, &reference, scene.film.size())?;
     let layers = job.spec.layers()?;
     let folder = kept::temporary()?;
     let runtime = tokio::runtime::Runtime::new()?;
     let mut rows = Vec::new();
     let local = LocalFarm {
         folder: folder.path(),
-        scene: Arc::new(CoreScene { scene, layers }),
+        scene: Arc::new(CoreScene::new(scene, layers)),
         threads: local::threads(args.threads),
     };
     let ended = runtime.block_on(async {

@@ -71,8 +71,13 @@ impl PreparedJob {
             Some(old) => old.metadata.sensor.clone(),
             None => args.sensor.clone(),
         };
+        let crop = match &old {
+            Some(old) => old.metadata.crop,
+            None => args.crop,
+        };
         let limits = Limits::default();
         let scene = Scene::load_sensor(&recorded, main, &defines, sensor.as_deref(), &limits).with_context(context)?;
+        let scene = scene.cropped(crop).context("--crop")?;
         let integrator = match &old {
             Some(old) => old.metadata.integrator.clone(),
             None => settings::integrator(args.integrator, &scene.wishes, &set)?,
@@ -87,6 +92,7 @@ impl PreparedJob {
             None => args.layer.clone(),
         };
         check_layers(&layers, &integrator, &scene).context("--layer")?;
+        integrator.check_window(crop).context("--crop")?;
         let mut manifest = BundleManifest::default();
         let mut contents = BTreeMap::new();
         for (name, bytes) in recorded.into_files() {
@@ -107,6 +113,7 @@ impl PreparedJob {
             seed: old.map_or(args.seed, |old| old.metadata.seed),
             schedule: Default::default(),
             layers,
+            crop,
             name: String::new(),
             labels: Default::default(),
             after: None,

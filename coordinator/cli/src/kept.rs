@@ -4,6 +4,7 @@
 use crate::output::PictureFiles;
 use anyhow::{Context, Result, bail};
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -47,6 +48,11 @@ impl FarmFolder {
             Self::Temporary(folder) => folder.path(),
             Self::Kept(folder) => folder,
         }
+    }
+
+    /// Whether an earlier render left something in it.
+    pub(crate) fn holds_earlier(&self) -> bool {
+        matches!(self, Self::Kept(folder) if folder.join(STATE).is_file())
     }
 
     /// Removes the folder: the picture is complete.
@@ -98,6 +104,22 @@ pub(crate) fn partial(output: &Path) -> PathBuf {
         true => output.to_owned(),
         false => output.with_extension("partial.exr"),
     }
+}
+
+/// Removes the partial picture that an interrupted render left, now that it has gone on to its end. Nothing else is removed.
+pub(crate) fn remove_partial(picture: &Path) -> Result<()> {
+    if partial(picture) != picture {
+        return Ok(());
+    }
+    for file in [picture.to_owned(), picture.with_extension("png")] {
+        match fs::remove_file(&file) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", file.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Writes a partial picture and keeps its farm.

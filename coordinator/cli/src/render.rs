@@ -35,11 +35,13 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         (None, None) => (FarmFolder::of(&args.output)?, Earlier::Replaced),
         (from, _) => (FarmFolder::beside(from.as_deref())?, Earlier::Expected),
     };
+    let partial = args.job.from.clone().unwrap_or_else(|| kept::partial(&args.output));
+    let leaves_partial = farm.holds_earlier() && partial != args.output;
     let runtime = tokio::runtime::Runtime::new()?;
     let threads = local::threads(args.threads);
     let interrupt = tokio::signal::ctrl_c();
     let layers = job.spec.layers()?;
-    let scene = Arc::new(CoreScene { scene, layers });
+    let scene = Arc::new(CoreScene::new(scene, layers));
     let preview = async |client: &Client, job: JobId| match args.preview {
         Some(seconds) => previews(client, job, Duration::from_secs_f64(seconds), &output, &scene.scene).await,
         None => std::future::pending().await,
@@ -64,6 +66,9 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     };
     output.write(&rendered, &scene.scene)?;
     farm.remove()?;
+    if leaves_partial {
+        kept::remove_partial(&partial)?;
+    }
     say::tell(format_args!("{}: {}", output.names, submit::in_words(&rendered.exr)?));
     submit::tell_if_black(&rendered.exr, Some(&scene.scene))?;
     if let Some(stats) = stats {
@@ -344,7 +349,7 @@ mod tests {
         };
         let (job, scene) = PreparedJob::new(&args.job).unwrap();
         let layers = job.spec.layers().unwrap();
-        (job, CoreScene { scene, layers })
+        (job, CoreScene::new(scene, layers))
     }
 
     /// No preview.

@@ -2,6 +2,7 @@
 
 pub use super::change::{Change, Loss};
 
+use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::id::{BlobHash, HashError, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{Attempt, JobSpec, JobState, Totals};
@@ -153,6 +154,9 @@ pub struct JobControl {
     /// What the scene was warned about.
     #[serde(default)]
     pub warnings: Vec<String>,
+    /// What the picture's file says of the scene.
+    #[serde(default, skip_serializing_if = "SceneFacts::is_empty")]
+    pub facts: SceneFacts,
     /// The job that is to be done first, until it is.
     #[serde(default)]
     pub after: Option<JobId>,
@@ -173,6 +177,7 @@ impl JobControl {
             stop: None,
             integrator: None,
             warnings: Vec::new(),
+            facts: SceneFacts::default(),
             after: spec.after,
             memory_mb: None,
         }

@@ -3,6 +3,7 @@
 
 use super::record::Change;
 use super::{Decision, Farm, Job, Refusal};
+use photonfarm_core::picture::NAMES_BYTES;
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::worker::{MOST_WARNINGS, SceneReport, TEXT_BYTES};
 
@@ -28,6 +29,10 @@ impl Farm {
             let reason = format!("a scene has at most {MOST_WARNINGS} warnings of {TEXT_BYTES} bytes each");
             return Err(Refusal::Invalid(reason));
         }
+        if !report.facts.is_valid() {
+            let reason = format!("a picture's file names objects and materials in {NAMES_BYTES} bytes each at most");
+            return Err(Refusal::Invalid(reason));
+        }
         if differs {
             return Err(Refusal::Disagreement(job.id()));
         }
@@ -37,6 +42,9 @@ impl Farm {
         }
         if control.warnings.is_empty() || !binds {
             control.warnings = told.clone();
+        }
+        if control.facts.is_empty() || !binds {
+            control.facts = report.facts.clone();
         }
         let changes = match control == job.control {
             true => vec![],

@@ -9,7 +9,7 @@ use crate::scheduler::Job;
 use crate::store::BlobReader;
 use axum::body::Bytes;
 use photonfarm_core::film::Image;
-use photonfarm_core::picture::{self, PictureError, PictureMetadata};
+use photonfarm_core::picture::{self, Beside, PictureError, PictureMetadata};
 use photonfarm_core::tree::Average;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -199,18 +199,26 @@ impl Service {
             return Ok(None);
         };
         let (metadata, layers, format) = (metadata(job), job.layers().clone(), format.clone());
+        let facts = job.control().facts.clone();
         let iterations = image.iterations;
         let encode = move || {
-            let (channels, planes) = match &format {
-                ImageFormat::Exr => (layers.channels(&image)?, vec![]),
-                ImageFormat::Raw(chosen) => (vec![], planes(&image, &metadata.layers, chosen)?),
-                ImageFormat::Png | ImageFormat::Jpeg => (vec![], vec![]),
+            let planes = match &format {
+                ImageFormat::Raw(chosen) => planes(&image, &metadata.layers, chosen)?,
+                ImageFormat::Exr | ImageFormat::Png | ImageFormat::Jpeg => vec![],
+            };
+            let beside = match format {
+                ImageFormat::Exr => Beside {
+                    channels: layers.channels(&image)?,
+                    attributes: layers.attributes(&facts.objects, &facts.materials),
+                    whole: facts.picture,
+                },
+                ImageFormat::Raw(_) | ImageFormat::Png | ImageFormat::Jpeg => Beside::default(),
             };
             let image = layers.picture(image)?;
             let noise = image.noise();
             let bytes = match format {
                 ImageFormat::Raw(_) => encode_raw(&image, noise, &planes),
-                ImageFormat::Exr => picture::encode_exr(&image, channels, &PictureMetadata { noise, ..metadata })?,
+                ImageFormat::Exr => picture::encode_exr(&image, beside, &PictureMetadata { noise, ..metadata })?,
                 ImageFormat::Png => picture::encode_png(&image)?,
                 ImageFormat::Jpeg => encode_preview(&image)?,
             };
@@ -269,6 +277,7 @@ fn metadata(job: &Job) -> PictureMetadata {
         defines: spec.defines.clone(),
         sensor: spec.sensor.clone(),
         layers: spec.layers.clone(),
+        crop: spec.crop,
         integrator: integrator.clone(),
         warnings: job.control().warnings.clone(),
         seed: spec.seed,

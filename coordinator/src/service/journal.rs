@@ -189,6 +189,7 @@ mod tests {
             stop: None,
             integrator: None,
             warnings: vec![],
+            facts: Default::default(),
             after: None,
             memory_mb: None,
         }

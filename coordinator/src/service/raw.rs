@@ -4,7 +4,7 @@
 //! iterations (`u64`), the noise of the picture (`f64`, NaN where it is unknown). Then for each pixel, row by row from the top left,
 //! four `f32`: radiance in red, green and blue, and the standard error of the luminance, NaN where it is unknown. The values are those
 //! of the OpenEXR file, bit for bit. Layers follow likewise: their three channels, or their only one three times, and the standard error
-//! of their luminance, which only those of light have.
+//! of their luminance, which only those of light have. Mattes are shown by a colour for each id.
 
 use photonfarm_core::film::Image;
 use photonfarm_core::integrator::layers::{Channel, LayerError, Layers};
@@ -48,9 +48,14 @@ pub(super) fn planes(stack: &Image, names: &[String], chosen: &[usize]) -> Resul
         };
         let is_light = names[*place].starts_with("lamp:") || names[*place].contains('=');
         let errors = stack.standard_error.get(before * size..(before + 1) * size);
-        for channels in layer.channels(&alone)?.chunks(3) {
+        let channels = layer.channels(&alone)?;
+        let images: Vec<[Vec<f32>; 3]> = match names[*place].starts_with("cryptomatte:") {
+            true => vec![mattes(&channels)],
+            false => channels.chunks(3).map(three).collect(),
+        };
+        for colours in images {
             planes.push(Plane {
-                colours: three(channels),
+                colours,
                 standard_error: errors.filter(|_| is_light).unwrap_or_default().to_vec(),
             });
         }
@@ -61,6 +66,21 @@ pub(super) fn planes(stack: &Image, names: &[String], chosen: &[usize]) -> Resul
 /// Three channels, or the only one three times.
 fn three(channels: &[Channel]) -> [Vec<f32>; 3] {
     std::array::from_fn(|index| channels[index.min(channels.len() - 1)].samples.clone())
+}
+
+/// Mattes as a picture: each id has the colour that its lower bytes give, as much of it as the id covers.
+fn mattes(channels: &[Channel]) -> [Vec<f32>; 3] {
+    let size = channels.first().map_or(0, |channel| channel.samples.len());
+    let mut colours = [0, 1, 2].map(|_| vec![0.0; size]);
+    for pair in channels.chunks_exact(2) {
+        let pixels = pair[0].samples.iter().zip(&pair[1].samples);
+        for (pixel, (id, coverage)) in pixels.enumerate() {
+            for (colour, byte) in colours.iter_mut().zip(id.to_bits().to_le_bytes()) {
+                colour[pixel] += coverage * f32::from(byte) / 255.0;
+            }
+        }
+    }
+    colours
 }
 
 /// Writes an image, of this noise, as plain numbers, and others of its size behind it.
@@ -96,7 +116,7 @@ pub(super) fn encode_raw(image: &Image, noise: Option<f64>, planes: &[Plane]) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use photonfarm_core::picture::{PictureMetadata, decode_exr, encode_exr};
+    use photonfarm_core::picture::{Beside, PictureMetadata, decode_exr, encode_exr};
     use photonfarm_core::spectrum::Spectrum;
 
     fn metadata() -> PictureMetadata {
@@ -109,6 +129,7 @@ mod tests {
             defines: Default::default(),
             sensor: None,
             layers: vec![],
+            crop: None,
             integrator,
             warnings: vec![],
             seed: 0,
@@ -137,7 +158,7 @@ mod tests {
                 },
             };
             let raw = encode_raw(&image, image.noise(), &[]);
-            let exr = decode_exr(&encode_exr(&image, vec![], &metadata()).unwrap(), 100).unwrap();
+            let exr = decode_exr(&encode_exr(&image, Beside::default(), &metadata()).unwrap(), 100).unwrap();
             assert_eq!((&raw[..8], raw.len()), (&MAGIC[..], 32 + 6 * 16));
             let number = |at: usize| u32::from_le_bytes(raw[at..at + 4].try_into().unwrap());
             assert_eq!([8, 12, 16, 20].map(number), [3, 2, 7, 0]);

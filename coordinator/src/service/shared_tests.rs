@@ -47,6 +47,7 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         seed: 0,
         schedule: Default::default(),
         layers: Vec::new(),
+        crop: None,
         name: String::new(),
         labels: Default::default(),
         after: None,

@@ -110,6 +110,7 @@ impl World {
             seed: 0,
             schedule: Default::default(),
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,

@@ -28,6 +28,7 @@ fn spec() -> JobSpec {
         seed: u64::MAX,
         schedule: Default::default(),
         layers: Vec::new(),
+        crop: None,
         name: String::new(),
         labels: Default::default(),
         after: None,

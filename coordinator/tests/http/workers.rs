@@ -2,6 +2,7 @@
 
 use crate::support::{Farm, expect_problem};
 use photonfarm_core::film::Node;
+use photonfarm_core::picture::{NAMES_BYTES, SceneFacts};
 use photonfarm_core::settings::{IntegratorSettings, PathSettings, PppmSettings};
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::api::WorkerList;
@@ -391,6 +392,7 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
         job,
         integrator,
         warnings: vec!["scene.xml:2: <medium> is left out".into()],
+        facts: SceneFacts::default(),
     };
     let first = farm.lease(farm.register().await).await.lease;
     // Whoever is alone may say something else.
@@ -428,5 +430,15 @@ async fn workers_that_disagree_about_settings_are_not_blamed_and_the_job_says_so
         ..report(&second, of_depth(Some(4)))
     };
     let refused = farm.send("scene", encode(&talkative).unwrap()).await;
+    expect_problem(refused, ErrorCode::Invalid).await;
+    let facts = SceneFacts {
+        objects: vec!["x".repeat(NAMES_BYTES)],
+        ..SceneFacts::default()
+    };
+    let wordy = SceneReport {
+        facts,
+        ..report(&second, of_depth(Some(4)))
+    };
+    let refused = farm.send("scene", encode(&wordy).unwrap()).await;
     expect_problem(refused, ErrorCode::Invalid).await;
 }

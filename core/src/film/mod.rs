@@ -1,8 +1,10 @@
 //! Iteration images, and the nodes of the reduction tree.
 
 mod filter;
+mod window;
 
 pub use filter::Filter;
+pub use window::{Window, WindowError};
 
 use crate::settings::STATISTICS_PER_PIXEL;
 use crate::spectrum::{CHANNELS, Spectrum};
@@ -15,6 +17,50 @@ pub struct FilmSettings {
     pub resolution: [u32; 2],
     /// Reconstruction filter.
     pub filter: Filter,
+    /// The pixels that are rendered, where not all are.
+    pub window: Option<Window>,
+}
+
+impl FilmSettings {
+    /// Pixels across and down of what is rendered.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        self.window.map_or(self.resolution, Window::size)
+    }
+
+    /// Number of pixels that are rendered.
+    #[must_use]
+    pub fn pixel_count(&self) -> usize {
+        let [width, height] = self.size();
+        width as usize * height as usize
+    }
+
+    /// The number in the whole picture, row by row from the top left, of a pixel by its number among those that are rendered.
+    #[must_use]
+    #[inline]
+    pub fn in_picture(&self, pixel: usize) -> usize {
+        match self.window {
+            None => pixel,
+            Some(Window { x, y, width, .. }) => {
+                let [column, row] = [pixel % width as usize, pixel / width as usize];
+                (y as usize + row) * self.resolution[0] as usize + x as usize + column
+            }
+        }
+    }
+
+    /// The number among those that are rendered of a pixel by its number in the whole picture; `None` where it is not rendered.
+    #[must_use]
+    #[inline]
+    pub fn rendered(&self, pixel: usize) -> Option<usize> {
+        let Some(window) = self.window else {
+            return Some(pixel);
+        };
+        let across = self.resolution[0] as usize;
+        let column = (pixel % across).checked_sub(window.x as usize)?;
+        let row = (pixel / across).checked_sub(window.y as usize)?;
+        let width = window.width as usize;
+        (column < width && row < window.height as usize).then_some(row * width + column)
+    }
 }
 
 /// Values of each pixel of a [`Node`]: the sum of radiance, channel by channel, and the squared error of its luminance.

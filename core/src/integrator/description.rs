@@ -1,6 +1,7 @@
 //! What the list of integrators says of each, and what the rest of the renderer does by it.
 
 use super::{Bandwidth, INTEGRATORS, IntegratorSettings, Iteration, Job, Observer, RenderError};
+use crate::film::{Window, WindowError};
 use crate::random::Sampling;
 use crate::scene::Scene;
 use crate::settings::{Setting, SettingError, fields_of};
@@ -50,6 +51,11 @@ pub(super) trait Estimator {
     /// Why the settings themselves may leave a lit scene black, in a sentence without a full stop.
     fn why_black(&self) -> Option<&'static str> {
         None
+    }
+
+    /// Whether what a pixel is depends on the camera paths of others, so that a window of a picture is rendered as all of it.
+    fn needs_all_pixels(&self) -> bool {
+        false
     }
 
     /// Renders an iteration. `before`: what the iteration before left, empty for the first one and where the integrator is
@@ -165,5 +171,23 @@ impl IntegratorSettings {
     #[must_use]
     pub fn is_sequential(&self) -> bool {
         self.statistics_per_pixel() > 0
+    }
+
+    /// Camera paths of each pixel in an iteration.
+    #[must_use]
+    pub fn samples(&self) -> u64 {
+        let fields = fields_of(self);
+        fields.get("samples").and_then(Value::as_u64).unwrap_or_default()
+    }
+
+    /// Checks that a window of a picture can be rendered, where one is asked for.
+    ///
+    /// # Errors
+    /// A window and a sequential integrator.
+    pub fn check_window(&self, window: Option<Window>) -> Result<(), WindowError> {
+        match window.is_some() && self.is_sequential() {
+            true => Err(WindowError::Sequential(self.name())),
+            false => Ok(()),
+        }
     }
 }

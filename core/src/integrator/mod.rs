@@ -28,8 +28,9 @@ pub use description::{Ignored, Integrator, schema};
 pub use sppm::radius_range;
 
 use description::Estimator;
-use layers::Layers;
+use layers::{Layers, Memory};
 
+use crate::film::{FilmSettings, WindowError};
 use crate::math::Vec2;
 use crate::meter::CameraRay;
 use crate::path::{AT_LIGHT, Tracer};
@@ -161,7 +162,7 @@ impl std::ops::AddAssign for Counts {
 /// The result of one iteration.
 #[derive(Clone, Debug)]
 pub struct Iteration {
-    /// Mean radiance of each pixel, row by row from the top left.
+    /// Mean radiance of each pixel, row by row from the top left; of a window of the picture, of its pixels alone.
     pub pixels: Vec<Spectrum>,
     /// What it took.
     pub counts: Counts,
@@ -182,6 +183,9 @@ pub enum RenderError {
     /// Layers that the scene or the integrator has not.
     #[error(transparent)]
     Layer(#[from] layers::LayerError),
+    /// A window that the integrator cannot render.
+    #[error(transparent)]
+    Window(#[from] WindowError),
     /// What a sequential integrator is to go on from cannot be what the iteration before left.
     #[error("iteration {iteration}: {reason}")]
     Statistics {
@@ -267,8 +271,7 @@ impl Job<'_> {
     }
 
     fn pixel_count(&self) -> usize {
-        let [width, height] = self.scene.film.resolution;
-        width as usize * height as usize
+        self.scene.film.pixel_count()
     }
 
     /// Random numbers of the iteration's `count` light paths.
@@ -310,16 +313,18 @@ pub fn render_next(
     before: &[f32],
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
-    render_with_layers(scene, &Layers::default(), settings, seed, iteration, before, observer)
+    let (layers, memory) = Default::default();
+    render_with_layers(scene, (&layers, &memory), settings, seed, iteration, before, observer)
 }
 
-/// As [`render_next`], with the planes of layers below the picture ([`Layers::stacked`]).
+/// As [`render_next`], with the planes of layers below the picture ([`Layers::stacked`]), and the memory of layers that iterations of
+/// this scene share, in which nothing lies that they would not find again by themselves.
 ///
 /// # Errors
 /// As [`render_next`]; also where a layer is not one of the scene or the integrator.
 pub fn render_with_layers(
     scene: &Scene,
-    layers: &Layers,
+    (layers, memory): (&Layers, &Memory),
     settings: &IntegratorSettings,
     seed: u64,
     iteration: u32,
@@ -327,6 +332,7 @@ pub fn render_with_layers(
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
     settings.validate()?;
+    settings.check_window(scene.film.window)?;
     layers.check_integrator(settings)?;
     layers.check_scene(scene)?;
     if before.is_empty() == (settings.is_sequential() && iteration > 1) {
@@ -350,14 +356,14 @@ pub fn render_with_layers(
     };
     let mut result = render_job(&job, settings, before, observer)?;
     if *layers != Layers::default() {
-        result = layers::render(&job, layers, settings, &result, observer)?;
+        result = layers::render(&job, (layers, memory), settings, &result, observer)?;
     }
     observer.phase(Phase::Done);
     if let Some(reason) = scene.tiles.as_ref().and_then(|tiles| tiles.take_failure()) {
         return Err(RenderError::Textures { iteration, reason });
     }
     if let Some(bad) = result.pixels.iter().position(|p| !p.is_valid()) {
-        let (width, pixel) = (scene.film.resolution[0], bad % job.pixel_count());
+        let (width, pixel) = (scene.film.resolution[0], scene.film.in_picture(bad % job.pixel_count()));
         return Err(RenderError::BadPixel {
             iteration,
             x: pixel as u32 % width,
@@ -367,14 +373,32 @@ pub fn render_with_layers(
     Ok(result)
 }
 
-/// The image of an iteration.
+/// The image of an iteration: of a window the pixels that it has of the whole picture, bit for bit.
 fn render_job(
     job: &Job,
     settings: &IntegratorSettings,
     before: &[f32],
     observer: &dyn Observer,
 ) -> Result<Iteration, RenderError> {
-    let mut result = settings.estimator().render(job, before, observer)?;
+    let (estimator, film) = (settings.estimator(), &job.scene.film);
+    let mut result = match film.window.is_some() && estimator.needs_all_pixels() {
+        false => estimator.render(job, before, observer)?,
+        true => {
+            let whole = Scene {
+                film: FilmSettings {
+                    window: None,
+                    ..film.clone()
+                },
+                ..job.scene.clone()
+            };
+            let whole = estimator.render(&Job { scene: &whole, ..*job }, before, observer)?;
+            let pixels = 0..film.pixel_count();
+            Iteration {
+                pixels: pixels.map(|pixel| whole.pixels[film.in_picture(pixel)]).collect(),
+                ..whole
+            }
+        }
+    };
     let response = job.scene.sensor.response();
     if response != 1.0 {
         result.pixels.iter_mut().for_each(|pixel| *pixel *= response);
@@ -395,13 +419,15 @@ struct Sample<'a, 't> {
     tracer: &'t mut Tracer<'a>,
     camera: CameraRay,
     random: &'t mut PathRandom,
-    /// Index of its pixel, row by row from the top left.
+    /// Index of its pixel among those that are rendered, row by row from the top left.
     pixel: usize,
+    /// Index of its pixel in the whole picture.
+    in_picture: usize,
     /// Its number among the camera paths of the pixel, from 0.
     index: u32,
 }
 
-/// Sums `samples` estimates for each pixel of the range `pixels` on the current rayon pool; `estimate` may put further things
+/// Sums `samples` estimates for each pixel of the range `pixels`, of those that are rendered, on the current rayon pool; `estimate` may put further things
 /// into its task's list. Lists come back in the order of pixels. Every camera path has its own random numbers.
 fn trace_pixels<'a, T: Send>(
     job: &Job<'a>,
@@ -427,10 +453,11 @@ fn trace_pixels<'a, T: Send>(
             let mut list = Vec::new();
             for (offset, sum) in sums.iter_mut().enumerate() {
                 let pixel = pixels.start + task * pixels_per_task + offset;
-                let centre = Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-                let sequence = job
-                    .sampling
-                    .sequence(job.seed, job.iteration, Stream::Camera, pixel as u64, samples);
+                let in_picture = film.in_picture(pixel);
+                let centre = Vec2::new((in_picture % width) as f32 + 0.5, (in_picture / width) as f32 + 0.5);
+                let sequence =
+                    job.sampling
+                        .sequence(job.seed, job.iteration, Stream::Camera, in_picture as u64, samples);
                 for index in 0..samples {
                     let mut random = sequence.path(index);
                     let place = centre + film.filter.sample(random.next_2d());
@@ -446,6 +473,7 @@ fn trace_pixels<'a, T: Send>(
                         camera,
                         random: &mut random,
                         pixel,
+                        in_picture,
                         index,
                     };
                     *sum += estimate(sample, &mut list);

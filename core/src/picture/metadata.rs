@@ -1,5 +1,6 @@
 //! What a picture says about how it was made.
 
+use crate::film::Window;
 use crate::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -27,6 +28,9 @@ pub struct PictureMetadata {
     /// Layers beside the picture.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub layers: Vec<String>,
+    /// The window of the picture that it is, where it is not all of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crop: Option<Window>,
     /// The integrator and its settings.
     pub integrator: IntegratorSettings,
     /// What of the scene is not rendered as it is written, each with its place.
@@ -56,23 +60,22 @@ pub(super) enum Entry {
     Float(f32),
 }
 
-impl PictureMetadata {
-    /// The metadata as JSON in ASCII, since the strings of an OpenEXR file have no encoding.
-    pub(super) fn to_ascii_json(&self) -> Result<String, serde_json::Error> {
-        let json = serde_json::to_string(self)?;
-        let mut ascii = String::with_capacity(json.len());
-        for c in json.chars() {
-            if c.is_ascii() {
-                ascii.push(c);
-            } else {
-                for unit in c.encode_utf16(&mut [0; 2]) {
-                    ascii.push_str(&format!("\\u{unit:04x}"));
-                }
+/// JSON in ASCII, since the strings of an OpenEXR file have no encoding.
+pub(super) fn in_ascii(json: &str) -> String {
+    let mut ascii = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_ascii() {
+            ascii.push(c);
+        } else {
+            for unit in c.encode_utf16(&mut [0; 2]) {
+                ascii.push_str(&format!("\\u{unit:04x}"));
             }
         }
-        Ok(ascii)
     }
+    ascii
+}
 
+impl PictureMetadata {
     /// The metadata value by value, under the names of the job's JSON. A setting that is left to its automatic value
     /// has no entry.
     pub(super) fn entries(&self) -> Result<Vec<(String, Entry)>, serde_json::Error> {
@@ -86,6 +89,7 @@ impl PictureMetadata {
         let asked = self.iterations_asked.map(u64::from).map(integer);
         entries.extend(asked.map(|asked| ("iterations_asked".to_owned(), asked)));
         entries.extend(self.noise.map(|noise| ("noise".to_owned(), Entry::Float(noise as f32))));
+        entries.extend(self.crop.map(|crop| ("crop".to_owned(), Entry::Text(crop.to_string()))));
         if !self.warnings.is_empty() {
             entries.push(("warnings".to_owned(), Entry::Text(self.warnings.join("\n"))));
         }

@@ -1,12 +1,14 @@
 //! Pictures as files: OpenEXR with metadata, PNG by a tone curve, and tables of what was measured.
 
+mod facts;
 mod metadata;
 mod openexr;
 mod table;
 mod tone;
 
+pub use facts::{NAMES_BYTES, SceneFacts};
 pub use metadata::PictureMetadata;
-pub use openexr::{DecodedExr, decode_exr, encode_exr, read_metadata};
+pub use openexr::{Beside, DecodedExr, decode_exr, encode_exr, read_metadata};
 pub use table::encode_csv;
 pub use tone::{ToneCurve, encode_png};
 

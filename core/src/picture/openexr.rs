@@ -1,7 +1,7 @@
 //! OpenEXR: 32-bit float channels R, G and B, the standard error of the luminance, and metadata.
 
 use super::PictureError;
-use super::metadata::{Entry, PictureMetadata};
+use super::metadata::{Entry, PictureMetadata, in_ascii};
 use crate::film::Image;
 use crate::integrator::layers::Channel;
 use crate::spectrum::Spectrum;
@@ -9,7 +9,7 @@ use exr::image::write::WritableImage;
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer};
 use exr::math::Vec2;
 use exr::meta::MetaData;
-use exr::meta::attribute::{AttributeValue, Chromaticities, Text};
+use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, Text};
 use exr::meta::header::LayerAttributes;
 use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
 use std::io::Cursor;
@@ -18,8 +18,8 @@ use std::io::Cursor;
 const STANDARD_ERROR: &str = "standard_error";
 /// Attribute with the whole metadata as JSON.
 const METADATA: &str = "photonfarm";
-/// Most bytes that all channels of a pixel may take in a file that is read: 64 channels of 32 bits.
-const MAX_BYTES_PER_PIXEL: usize = 256;
+/// Most bytes that all channels of a pixel may take in a file that is read: 80 channels of 32 bits.
+const MAX_BYTES_PER_PIXEL: usize = 320;
 /// CIE xy chromaticities of Rec. 709 (ITU-R BT.709-6, item 1.3 and 1.4).
 const REC_709: Chromaticities = Chromaticities {
     red: Vec2(0.64, 0.33),
@@ -43,12 +43,30 @@ pub struct DecodedExr {
     pub metadata: Option<PictureMetadata>,
 }
 
-/// Writes an image as OpenEXR, with channels of layers beside it. The same image, channels and metadata give the same bytes.
-pub fn encode_exr(image: &Image, layers: Vec<Channel>, metadata: &PictureMetadata) -> Result<Vec<u8>, PictureError> {
+/// What a file holds beside the picture and how it was made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Beside {
+    /// Channels of layers.
+    pub channels: Vec<Channel>,
+    /// Attributes by name, which programs know that read the channels: text in which all but ASCII is written as in JSON.
+    pub attributes: Vec<(String, String)>,
+    /// Pixels across and down of the whole picture, where the image is the window of it that the metadata name.
+    pub whole: Option<[u32; 2]>,
+}
+
+/// Writes an image as OpenEXR. The same image, metadata and what is beside them give the same bytes.
+///
+/// A window of a picture is the data window, and the whole picture the display window.
+pub fn encode_exr(image: &Image, beside: Beside, metadata: &PictureMetadata) -> Result<Vec<u8>, PictureError> {
+    let Beside {
+        channels: layers,
+        attributes: further,
+        whole,
+    } = beside;
     let size = image.width as usize * image.height as usize;
     let errors = image.standard_error.len();
-    let whole = layers.iter().all(|channel| channel.samples.len() == size);
-    if image.pixels.len() != size || (errors != 0 && errors != size) || size == 0 || !whole {
+    let complete = layers.iter().all(|channel| channel.samples.len() == size);
+    if image.pixels.len() != size || (errors != 0 && errors != size) || size == 0 || !complete {
         return Err(PictureError::Size {
             width: image.width,
             height: image.height,
@@ -67,14 +85,23 @@ pub fn encode_exr(image: &Image, layers: Vec<Channel>, metadata: &PictureMetadat
     }
     let layers = layers.into_iter();
     channels.extend(layers.map(|channel| linear_channel(&channel.name, channel.samples)));
+    let (width, height) = (image.width as usize, image.height as usize);
+    let mut attributes = attributes(metadata, further)?;
+    if let Some(window) = metadata.crop {
+        attributes.layer_position = Vec2(window.x as i32, window.y as i32);
+    }
     let layer = Layer::new(
-        (image.width as usize, image.height as usize),
-        attributes(metadata)?,
+        (width, height),
+        attributes,
         Encoding::SMALL_LOSSLESS,
         AnyChannels::sort(channels.into()),
     );
     let mut picture = exr::image::Image::from_layer(layer);
     picture.attributes.chromaticities = Some(REC_709);
+    if let Some(whole) = whole {
+        let [width, height] = whole.map(|side| side as usize);
+        picture.attributes.display_window = IntegerBounds::from_dimensions((width, height));
+    }
     let mut bytes = Vec::new();
     picture.write().non_parallel().to_buffered(Cursor::new(&mut bytes))?;
     sort_header(&mut bytes);
@@ -90,7 +117,7 @@ fn linear_channel(name: &str, samples: Vec<f32>) -> AnyChannel<FlatSamples> {
     }
 }
 
-fn attributes(metadata: &PictureMetadata) -> Result<LayerAttributes, PictureError> {
+fn attributes(metadata: &PictureMetadata, further: Vec<(String, String)>) -> Result<LayerAttributes, PictureError> {
     let mut attributes = LayerAttributes {
         software_name: Some(text(&format!("Photonfarm {}", metadata.version))),
         ..LayerAttributes::default()
@@ -103,9 +130,14 @@ fn attributes(metadata: &PictureMetadata) -> Result<LayerAttributes, PictureErro
         };
         attributes.other.insert(text(&name), value);
     }
+    for (name, value) in further {
+        let value = AttributeValue::Text(text(&in_ascii(&value)));
+        attributes.other.insert(text(&name), value);
+    }
+    let json = serde_json::to_string(metadata)?;
     attributes
         .other
-        .insert(text(METADATA), AttributeValue::Text(text(&metadata.to_ascii_json()?)));
+        .insert(text(METADATA), AttributeValue::Text(text(&in_ascii(&json))));
     Ok(attributes)
 }
 
@@ -246,6 +278,7 @@ mod tests {
             scene_hash: "ab12".into(),
             sensor: None,
             layers: vec!["albedo".into()],
+            crop: None,
             main: "room.xml".into(),
             defines: [("größe".into(), "2 \u{1F4A1} \"quoted\"".into())].into(),
             integrator: IntegratorSettings::Pcf(PcfSettings {
@@ -265,12 +298,12 @@ mod tests {
     #[test]
     fn pixels_errors_and_metadata_come_back() {
         let original = image(37, 21, 64);
-        let decoded = decode_exr(&encode_exr(&original, vec![], &metadata()).unwrap(), MANY).unwrap();
+        let decoded = decode_exr(&encode_exr(&original, Beside::default(), &metadata()).unwrap(), MANY).unwrap();
         assert_eq!((decoded.width, decoded.height), (37, 21));
         assert_eq!(decoded.pixels, original.pixels);
         assert_eq!(decoded.standard_error, original.standard_error);
         assert_eq!(decoded.metadata, Some(metadata()));
-        let bytes = encode_exr(&original, vec![], &metadata()).unwrap();
+        let bytes = encode_exr(&original, Beside::default(), &metadata()).unwrap();
         assert_eq!(read_metadata(&bytes).unwrap(), Some(metadata()));
     }
 
@@ -295,13 +328,17 @@ mod tests {
 
     #[test]
     fn one_iteration_has_no_error_channel() {
-        let decoded = decode_exr(&encode_exr(&image(5, 4, 1), vec![], &metadata()).unwrap(), MANY).unwrap();
+        let decoded = decode_exr(
+            &encode_exr(&image(5, 4, 1), Beside::default(), &metadata()).unwrap(),
+            MANY,
+        )
+        .unwrap();
         assert!(decoded.standard_error.is_empty());
     }
 
     #[test]
     fn each_setting_has_its_attribute() {
-        let bytes = encode_exr(&image(4, 4, 64), vec![], &metadata()).unwrap();
+        let bytes = encode_exr(&image(4, 4, 64), Beside::default(), &metadata()).unwrap();
         let header = MetaData::read_from_buffered(Cursor::new(&bytes), true)
             .unwrap()
             .headers
@@ -331,10 +368,44 @@ mod tests {
 
     #[test]
     fn bytes_are_the_same_every_time() {
-        let first = encode_exr(&image(16, 16, 2), vec![], &metadata()).unwrap();
+        let first = encode_exr(&image(16, 16, 2), Beside::default(), &metadata()).unwrap();
         for _ in 0..8 {
-            assert_eq!(encode_exr(&image(16, 16, 2), vec![], &metadata()).unwrap(), first);
+            assert_eq!(
+                encode_exr(&image(16, 16, 2), Beside::default(), &metadata()).unwrap(),
+                first
+            );
         }
+    }
+
+    #[test]
+    fn a_window_lies_in_the_whole_picture() {
+        let metadata = PictureMetadata {
+            crop: Some("3,4,7x5".parse().unwrap()),
+            ..metadata()
+        };
+        let beside = Beside {
+            channels: vec![],
+            attributes: vec![(
+                "cryptomatte/abcdef0/manifest".into(),
+                "{\"\u{e4}\":\"01234567\"}".into(),
+            )],
+            whole: Some([40, 30]),
+        };
+        let original = image(7, 5, 2);
+        let bytes = encode_exr(&original, beside, &metadata).unwrap();
+        let header = MetaData::read_from_buffered(Cursor::new(&bytes), true)
+            .unwrap()
+            .headers
+            .remove(0);
+        assert_eq!(header.own_attributes.layer_position, Vec2(3, 4));
+        let display = header.shared_attributes.display_window;
+        assert_eq!((display.position, display.size), (Vec2(0, 0), Vec2(40, 30)));
+        let manifest = header.own_attributes.other.get(&text("cryptomatte/abcdef0/manifest"));
+        let escaped = AttributeValue::Text(text("{\"\\u00e4\":\"01234567\"}"));
+        assert_eq!(manifest, Some(&escaped));
+        let decoded = decode_exr(&bytes, MANY).unwrap();
+        assert_eq!((decoded.width, decoded.height), (7, 5));
+        assert_eq!((decoded.pixels, decoded.metadata), (original.pixels, Some(metadata)));
     }
 
     #[test]
@@ -342,10 +413,10 @@ mod tests {
         let mut broken = image(4, 4, 2);
         broken.pixels.pop();
         assert!(matches!(
-            encode_exr(&broken, vec![], &metadata()),
+            encode_exr(&broken, Beside::default(), &metadata()),
             Err(PictureError::Size { pixels: 15, .. })
         ));
-        let bytes = encode_exr(&image(8, 8, 2), vec![], &metadata()).unwrap();
+        let bytes = encode_exr(&image(8, 8, 2), Beside::default(), &metadata()).unwrap();
         assert!(matches!(
             decode_exr(&bytes, 63),
             Err(PictureError::TooLarge { limit: 63, .. })
@@ -354,7 +425,7 @@ mod tests {
 
     #[test]
     fn every_truncation_is_an_error() {
-        let bytes = encode_exr(&image(9, 5, 2), vec![], &metadata()).unwrap();
+        let bytes = encode_exr(&image(9, 5, 2), Beside::default(), &metadata()).unwrap();
         for length in 0..bytes.len() {
             assert!(
                 decode_exr(&bytes[..length], MANY).is_err(),
@@ -366,7 +437,7 @@ mod tests {
 
     #[test]
     fn damaged_bytes_never_panic() {
-        let bytes = encode_exr(&image(9, 5, 2), vec![], &metadata()).unwrap();
+        let bytes = encode_exr(&image(9, 5, 2), Beside::default(), &metadata()).unwrap();
         for at in 0..bytes.len() {
             for damage in [0x01, 0x80, 0xff] {
                 let mut damaged = bytes.clone();

@@ -6,7 +6,7 @@ use crate::spectrum::Spectrum;
 use std::fmt::Write;
 
 /// A picture of `width` pixels across by the sensor of `scene` as comma-separated values: a line for each pixel, row by row from the top
-/// left, with its row and column from 0, its linear Rec. 709 channels, and their luminance. The first line names the columns.
+/// left, with its row and column in the whole picture from 0, its linear Rec. 709 channels, and their luminance. The first line names the columns.
 #[must_use]
 pub fn encode_csv(scene: &Scene, width: u32, pixels: &[Spectrum]) -> String {
     let measured = match scene.sensor.projection {
@@ -14,8 +14,10 @@ pub fn encode_csv(scene: &Scene, width: u32, pixels: &[Spectrum]) -> String {
         Projection::Perspective { .. } | Projection::Orthographic | Projection::Spherical => "luminance [cd/m^2",
     };
     let mut table = format!("row,column,red,green,blue,{measured} of lights in candela and lengths in metres]\n");
+    let [left, above] = scene.film.window.map_or([0; 2], |window| [window.x, window.y]);
     for (index, pixel) in pixels.iter().enumerate() {
         let (row, column) = (index / width as usize, index % width as usize);
+        let (row, column) = (row + above as usize, column + left as usize);
         let [red, green, blue] = pixel.to_rgb();
         let _ = writeln!(table, "{row},{column},{red},{green},{blue},{}", pixel.luminance());
     }

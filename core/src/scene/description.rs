@@ -19,6 +19,8 @@ pub(crate) struct Description {
     pub(crate) objects: Vec<Object>,
     /// Objects by id.
     pub(crate) ids: BTreeMap<String, ObjectId>,
+    /// What objects are called that have no id, or not alone.
+    pub(crate) called: BTreeMap<ObjectId, Arc<str>>,
     /// What is wrong with the scene.
     pub(crate) faults: Rc<Faults>,
     /// What is left out, or probably not meant.
@@ -48,6 +50,7 @@ impl Description {
 pub(crate) struct Draft {
     pub(crate) objects: Vec<Object>,
     pub(crate) ids: BTreeMap<String, ObjectId>,
+    called: BTreeMap<ObjectId, Arc<str>>,
     pub(crate) faults: Rc<Faults>,
     pub(crate) warnings: Rc<Warnings>,
 }
@@ -58,6 +61,7 @@ impl Draft {
         Self {
             objects: vec![Object::new(Kind::Scene, "", None, place, search)],
             ids: BTreeMap::new(),
+            called: BTreeMap::new(),
             faults: faults.clone(),
             warnings: warnings.clone(),
         }
@@ -69,6 +73,13 @@ impl Draft {
         self.objects
             .push(Object::new(kind, plugin, written, place.clone(), search));
         self.objects.len() - 1
+    }
+
+    /// Says what an object is called; several may be called the same. An empty name says nothing.
+    pub(crate) fn call(&mut self, object: ObjectId, name: &str) {
+        if !name.is_empty() {
+            self.called.insert(object, name.into());
+        }
     }
 
     /// Makes `target` a child of `parent`, with the name that says what it is for.
@@ -94,6 +105,7 @@ impl Draft {
         Description {
             objects: self.objects,
             ids: self.ids,
+            called: self.called,
             faults: self.faults,
             warnings: self.warnings,
         }

@@ -19,6 +19,7 @@ mod limits;
 mod linear_image;
 mod loader;
 mod mesh;
+mod names;
 mod number;
 mod pbrt;
 mod pfm;
@@ -36,9 +37,10 @@ pub use error::{Place, SceneError};
 pub use faults::SceneFaults;
 pub use files::{RecordedFiles, SceneFiles, SceneFolder, normalise};
 pub use limits::Limits;
+pub use names::Names;
 pub use warning::SceneWarning;
 
-use crate::film::FilmSettings;
+use crate::film::{FilmSettings, Window, WindowError};
 use crate::geometry::{Geometry, ShapeId, ShapeSampler, SurfacePoint};
 use crate::light::{LightId, Lights};
 use crate::material::Material;
@@ -68,6 +70,8 @@ pub struct Scene {
     /// What the scene calls each light, by [`LightId`]: its id or that of its shape, or else `lamp-` and its number from 1. Several may
     /// have one name.
     pub lamps: Arc<[String]>,
+    /// What the scene calls its objects and materials.
+    pub names: Arc<Names>,
     /// The paths that count, where not all do.
     pub(crate) paths: Option<PathExpression>,
     /// Whether the camera sees neither lights nor their shapes, nor what surrounds the scene (`hide_emitters`): its rays go on behind
@@ -86,9 +90,9 @@ pub struct Scene {
     /// What the scene file asks for.
     pub wishes: Wishes,
     /// What is probably not meant, in the order in which it was found.
-    pub warnings: Vec<SceneWarning>,
+    pub warnings: Arc<[SceneWarning]>,
     /// What the scene file says and changes nothing in the picture.
-    pub notes: Vec<SceneWarning>,
+    pub notes: Arc<[SceneWarning]>,
     /// What moves while the shutter is open; `None` where nothing does.
     pub(crate) motion: Option<Motion>,
     /// Where textures lie that memory does not hold.
@@ -153,6 +157,18 @@ impl Scene {
         faults.settle(scene, &warnings)
     }
 
+    /// The scene of which a window of the picture is rendered, where one is given: the picture that it has without, its own crop included.
+    ///
+    /// # Errors
+    /// A window that is not within the picture.
+    pub fn cropped(mut self, window: Option<Window>) -> Result<Self, WindowError> {
+        self.film.window = match window {
+            Some(window) => window.of(self.film.resolution)?,
+            None => None,
+        };
+        Ok(self)
+    }
+
     /// The material at a point.
     #[must_use]
     pub fn material(&self, point: &SurfacePoint) -> &Material {
@@ -171,7 +187,7 @@ impl Scene {
         self.paths.as_ref().map_or(ANY, PathExpression::at_camera)
     }
 
-    fn binding(&self, shape: ShapeId) -> &ShapeBinding {
+    pub(crate) fn binding(&self, shape: ShapeId) -> &ShapeBinding {
         &self.bindings[shape.0 as usize]
     }
 }

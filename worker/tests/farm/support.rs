@@ -401,6 +401,7 @@ impl Farm {
             seed: SEED,
             schedule,
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,

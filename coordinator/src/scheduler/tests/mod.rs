@@ -29,6 +29,7 @@ fn spec(iterations: u32) -> JobSpec {
         seed: 0,
         schedule: Default::default(),
         layers: Vec::new(),
+        crop: None,
         name: String::new(),
         labels: Default::default(),
         after: None,

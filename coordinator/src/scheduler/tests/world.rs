@@ -186,6 +186,7 @@ impl World {
             seed: 0,
             schedule,
             layers: Vec::new(),
+            crop: None,
             name: String::new(),
             labels: Default::default(),
             after: None,

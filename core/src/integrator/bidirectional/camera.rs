@@ -21,11 +21,12 @@ impl<'a> Estimator<'a> {
             camera,
             random,
             pixel,
+            in_picture,
             index,
             ..
         } = sample;
         let sensor = tracer.scene.pdf_we(&camera);
-        let camera_path = pixel as u64 * u64::from(self.plan.samples) + u64::from(index);
+        let camera_path = in_picture as u64 * u64::from(self.plan.samples) + u64::from(index);
         let light_path = (camera_path % u64::from(self.plan.light_paths)) as u32;
         let mut partial = Partial {
             edge: 1.0 / sensor.pdf,

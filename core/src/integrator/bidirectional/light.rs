@@ -230,7 +230,10 @@ impl Estimator<'_> {
     /// Gives `value` to one of the pixels about the place where the camera sees the path.
     fn splat(&self, seen: &SensorSample, value: Spectrum, random: &mut PathRandom, out: &mut Chunk) {
         let film = &self.job.scene.film;
-        if let Some((pixel, factor)) = film.filter.choose_pixel(seen.pixel, film.resolution, random.next_2d()) {
+        let chosen = film.filter.choose_pixel(seen.pixel, film.resolution, random.next_2d());
+        if let Some((pixel, factor)) = chosen
+            && let Some(pixel) = film.rendered(pixel)
+        {
             out.splats.push(Splat {
                 pixel: pixel as u32,
                 value: value * factor,

@@ -83,6 +83,7 @@ fn paths_replayed_from_recorded_numbers_have_the_same_bits() {
                 camera: scene.camera_ray(place, random.next_2d()),
                 random,
                 pixel,
+                in_picture: pixel,
                 index: 1,
             };
             let radiance = estimator.radiance(sample, &light, &mut merges);

@@ -10,12 +10,15 @@
 //!
 //! The picture is that of the job without layers, bit for bit.
 
+mod cryptomatte;
+mod matte;
 mod surface;
 
 #[cfg(test)]
 mod tests;
 
 pub use crate::path::ExpressionError;
+pub use matte::Memory;
 
 use super::{Iteration, Job, Observer, RenderError};
 use crate::film::Image;
@@ -24,12 +27,13 @@ use crate::path::PathExpression;
 use crate::scene::Scene;
 use crate::settings::IntegratorSettings;
 use crate::spectrum::Spectrum;
+use matte::Matte;
 use std::collections::BTreeSet;
 use std::str::FromStr;
-use surface::Surface;
+use surface::{Seen, Surface};
 use thiserror::Error;
 
-/// Most layers of a job: what a picture with all of them and the standard error stays below 64 channels with.
+/// Most layers of a job: what a picture with all of them and the standard error stays below 80 channels with.
 pub const MAX_LAYERS: usize = 16;
 
 /// Longest name of a layer [bytes].
@@ -43,6 +47,10 @@ const OTHERS: &str = "*";
 enum Layer {
     /// What the camera's rays meet first.
     Surface(Surface),
+    /// Which objects or materials they are.
+    Matte(Matte),
+    /// How many camera paths each pixel has had.
+    Samples,
     /// Two pictures, of the iterations with an odd and with an even index.
     Halves,
     /// The light of some lamps, by their names in the scene; `None` for those that no other layer names.
@@ -96,7 +104,17 @@ pub enum LayerError {
 }
 
 /// Names of the layers without lamps.
-const NAMES: [&str; 6] = ["alpha", "albedo", "normal", "depth", "position", "halves"];
+const NAMES: [&str; 9] = [
+    "alpha",
+    "albedo",
+    "normal",
+    "depth",
+    "position",
+    "halves",
+    "samples",
+    "cryptomatte:object",
+    "cryptomatte:material",
+];
 
 impl FromStr for Layer {
     type Err = LayerError;
@@ -136,6 +154,9 @@ impl FromStr for Layer {
             "depth" => Self::Surface(Surface::Depth),
             "position" => Self::Surface(Surface::Position),
             "halves" => Self::Halves,
+            "samples" => Self::Samples,
+            "cryptomatte:object" => Self::Matte(Matte::Object),
+            "cryptomatte:material" => Self::Matte(Matte::Material),
             _ => return Err(unknown()),
         })
     }
@@ -145,23 +166,27 @@ impl Layer {
     fn planes(&self) -> usize {
         match self {
             Self::Surface(surface) => surface.planes(),
+            Self::Matte(_) => matte::PLANES,
             Self::Halves => 2,
-            Self::Lamps(_) | Self::Paths { .. } => 1,
+            Self::Samples | Self::Lamps(_) | Self::Paths { .. } => 1,
         }
     }
 
-    /// What channels of the layer are called before the dot.
-    fn name(&self) -> String {
-        match self {
+    /// What stands before the dot in the names of the layer's channels.
+    fn groups(&self) -> Vec<String> {
+        let one = match self {
             Self::Surface(surface) => surface.name().to_owned(),
-            Self::Halves => "half".to_owned(),
+            Self::Matte(matte) => return matte.groups().collect(),
+            Self::Samples => "samples".to_owned(),
+            Self::Halves => return ["half_a", "half_b"].map(str::to_owned).into(),
             Self::Paths { name, .. } => name.clone(),
             Self::Lamps(None) => "lamp_others".to_owned(),
             Self::Lamps(Some(names)) => {
                 let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
                 format!("lamp_{}", names.join("_").chars().map(plain).collect::<String>())
             }
-        }
+        };
+        vec![one]
     }
 }
 
@@ -179,7 +204,8 @@ pub struct Channel {
 }
 
 impl Layers {
-    /// The layers of these names: `alpha`, `albedo`, `normal`, `depth`, `position`, `halves`, and `lamp:` with the names of lamps.
+    /// The layers of these names: `alpha`, `albedo`, `normal`, `depth`, `position`, `halves`, `samples`, `cryptomatte:object`,
+    /// `cryptomatte:material`, and `lamp:` with the names of lamps.
     ///
     /// # Errors
     /// A name that no layer has, one that is there twice, or too many.
@@ -192,10 +218,11 @@ impl Layers {
             .map(|name| name.as_ref().parse())
             .collect::<Result<_, _>>()?;
         let mut taken = BTreeSet::new();
-        for layer in &layers {
-            if !taken.insert(layer.name()) {
-                return Err(LayerError::Twice(layer.name()));
+        for group in layers.iter().flat_map(Layer::groups) {
+            if taken.contains(&group) {
+                return Err(LayerError::Twice(group));
             }
+            taken.insert(group);
         }
         Ok(Self(layers))
     }
@@ -277,6 +304,23 @@ impl Layers {
         Ok(channels)
     }
 
+    /// Which names of the scene a file is to list: of its objects, and of its materials.
+    #[must_use]
+    pub fn lists(&self) -> [bool; 2] {
+        [Matte::Object, Matte::Material].map(|matte| self.0.contains(&Layer::Matte(matte)))
+    }
+
+    /// The attributes of a file with the layers, where the scene's objects and materials are called so.
+    #[must_use]
+    pub fn attributes(&self, objects: &[String], materials: &[String]) -> Vec<(String, String)> {
+        let of_layer = |layer: &Layer| match layer {
+            Layer::Matte(Matte::Object) => Matte::Object.attributes(objects),
+            Layer::Matte(Matte::Material) => Matte::Material.attributes(materials),
+            _ => Vec::new(),
+        };
+        self.0.iter().flat_map(of_layer).collect()
+    }
+
     /// The pixels of one image of a stack.
     fn check_stack(&self, stack: &Image) -> Result<usize, LayerError> {
         let planes = self.stack();
@@ -292,7 +336,7 @@ impl Layers {
 
 impl Layer {
     fn channels(&self, planes: &[&[Spectrum]], stack: &Image) -> Vec<Channel> {
-        let name = self.name();
+        let groups = self.groups();
         let colours = |name: &str, plane: &[Spectrum], scale: f64| -> Vec<Channel> {
             let channel = |(index, letter): (usize, &str)| Channel {
                 name: format!("{name}.{letter}"),
@@ -305,20 +349,24 @@ impl Layer {
         };
         match self {
             Self::Surface(surface) => surface.channels(planes),
-            Self::Lamps(_) | Self::Paths { .. } => colours(&name, planes[0], 1.0),
+            Self::Matte(matte) => matte.channels(planes),
+            Self::Samples => {
+                let total = |mean: &Spectrum| (f64::from(mean.to_rgb()[0]) * stack.iterations as f64).round() as f32;
+                vec![Channel {
+                    name: format!("{}.Y", groups[0]),
+                    samples: planes[0].iter().map(total).collect(),
+                }]
+            }
+            Self::Lamps(_) | Self::Paths { .. } => colours(&groups[0], planes[0], 1.0),
             Self::Halves => {
                 let odd = stack.odd_iterations;
                 let counts = [odd, stack.iterations - odd];
-                let half = |(letter, (plane, count)): (&str, (&&[Spectrum], u64))| {
+                let half = |(name, (plane, count)): (&String, (&&[Spectrum], u64))| {
                     // Of a half without iterations nothing is known; its sum is zero.
                     let scale = stack.iterations as f64 / count.max(1) as f64;
-                    colours(&format!("{name}_{letter}"), plane, scale)
+                    colours(name, plane, scale)
                 };
-                ["a", "b"]
-                    .into_iter()
-                    .zip(planes.iter().zip(counts))
-                    .flat_map(half)
-                    .collect()
+                groups.iter().zip(planes.iter().zip(counts)).flat_map(half).collect()
             }
         }
     }
@@ -327,7 +375,7 @@ impl Layer {
 /// Renders the planes of an iteration, in their order, whose picture is `picture`.
 pub(super) fn render(
     job: &Job,
-    layers: &Layers,
+    (layers, memory): (&Layers, &Memory),
     settings: &IntegratorSettings,
     picture: &Iteration,
     observer: &dyn Observer,
@@ -335,11 +383,19 @@ pub(super) fn render(
     let mut all = picture.clone();
     let size = picture.pixels.len();
     let black = || std::iter::repeat_n(Spectrum::ZERO, size);
-    let surfaces: Vec<Surface> = layers.0.iter().filter_map(Layer::surface).collect();
-    let mut surfaces = surface::render(job, &surfaces, observer, &mut all.counts)?.into_iter();
+    let seen: Vec<Seen> = layers.0.iter().filter_map(Layer::seen).collect();
+    let settled = match seen.iter().any(|seen| matches!(seen, Seen::Matte(_))) {
+        true => Some(memory.settled(job, observer)?),
+        false => None,
+    };
+    let mut seen = surface::render(job, &seen, settled.as_deref(), observer, &mut all.counts)?.into_iter();
     for layer in &layers.0 {
         match layer {
-            Layer::Surface(surface) => all.pixels.extend(surfaces.by_ref().take(surface.planes()).flatten()),
+            Layer::Surface(_) | Layer::Matte(_) => all.pixels.extend(seen.by_ref().take(layer.planes()).flatten()),
+            Layer::Samples => {
+                let samples = Spectrum::splat(settings.samples() as f32);
+                all.pixels.extend(std::iter::repeat_n(samples, size));
+            }
             Layer::Halves if job.iteration % 2 == 1 => {
                 all.pixels.extend_from_slice(&picture.pixels);
                 all.pixels.extend(black());
@@ -389,9 +445,11 @@ fn add_part(
 }
 
 impl Layer {
-    fn surface(&self) -> Option<Surface> {
+    /// What it is of what the camera's rays meet first.
+    fn seen(&self) -> Option<Seen> {
         match self {
-            Self::Surface(surface) => Some(*surface),
+            Self::Surface(surface) => Some(Seen::Surface(*surface)),
+            Self::Matte(matte) => Some(Seen::Matte(*matte)),
             _ => None,
         }
     }

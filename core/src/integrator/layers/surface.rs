@@ -1,6 +1,7 @@
 //! Layers of what the camera's rays meet first.
 
 use super::Channel;
+use super::matte::{self, Matte, Settled};
 use crate::geometry::SurfacePoint;
 use crate::integrator::{Counts, Job, Observer, RenderError, Sample, trace_pixels};
 use crate::material::TransportMode;
@@ -23,6 +24,24 @@ pub(super) enum Surface {
     Depth,
     /// The place in the world [scene units].
     Position,
+}
+
+/// What a layer shows of what a ray of the camera meets first.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Seen {
+    /// Something of the surface.
+    Surface(Surface),
+    /// What the surface is of.
+    Matte(Matte),
+}
+
+impl Seen {
+    fn planes(self) -> usize {
+        match self {
+            Self::Surface(surface) => surface.planes(),
+            Self::Matte(_) => matte::PLANES,
+        }
+    }
 }
 
 impl Surface {
@@ -63,6 +82,15 @@ impl Surface {
         }
     }
 
+    /// Adds a pixel's values in the order of planes.
+    fn add(self, sample: &mut Sample, hit: Option<&SurfacePoint>, list: &mut Vec<Spectrum>) {
+        let value = hit.map_or(Vec3::ZERO, |point| self.value(sample, point));
+        list.push(spectrum(value.max(Vec3::ZERO)));
+        if self.is_signed() {
+            list.push(spectrum((-value).max(Vec3::ZERO)));
+        }
+    }
+
     /// The channels that the means in the planes give.
     pub(super) fn channels(self, planes: &[&[Spectrum]]) -> Vec<Channel> {
         let letters: &[&str] = match self {
@@ -87,26 +115,28 @@ impl Surface {
     }
 }
 
-/// The planes of some surface layers, one after the other, by one ray for each pixel.
+/// The planes of some layers, one after the other, by one ray for each pixel. Mattes need the ids that are settled.
 pub(super) fn render(
     job: &Job,
-    surfaces: &[Surface],
+    layers: &[Seen],
+    settled: Option<&Settled>,
     observer: &dyn Observer,
     counts: &mut Counts,
 ) -> Result<Vec<Vec<Spectrum>>, RenderError> {
-    let planes: usize = surfaces.iter().map(|surface| surface.planes()).sum();
+    let planes: usize = layers.iter().map(|layer| layer.planes()).sum();
     if planes == 0 {
         return Ok(Vec::new());
     }
     let (_, lists) = trace_pixels(job, 1, 0..job.pixel_count(), observer, counts, |mut sample, list| {
         let hit = sample.tracer.intersect_from_camera(&sample.camera.ray);
-        for surface in surfaces {
-            let value = hit
-                .as_ref()
-                .map_or(Vec3::ZERO, |point| surface.value(&mut sample, point));
-            list.push(spectrum(value.max(Vec3::ZERO)));
-            if surface.is_signed() {
-                list.push(spectrum((-value).max(Vec3::ZERO)));
+        for layer in layers {
+            match (layer, settled) {
+                (Seen::Surface(surface), _) => surface.add(&mut sample, hit.as_ref(), list),
+                (Seen::Matte(matte), Some(settled)) => {
+                    let met = hit.as_ref().map(|point| settled.of(job.scene, point));
+                    list.extend(matte.values(settled, sample.pixel, met));
+                }
+                (Seen::Matte(_), None) => unreachable!("ids are settled where there is a matte"),
             }
         }
         Spectrum::ZERO

@@ -1,3 +1,6 @@
+mod mattes;
+mod windows;
+
 use super::*;
 use crate::film::Node;
 use crate::integrator::{INTEGRATORS, Unobserved, render_iteration, render_with_layers};
@@ -40,7 +43,17 @@ fn layers(names: &[&str]) -> Layers {
 }
 
 fn render(scene: &Scene, layers: &Layers, settings: &IntegratorSettings, iteration: u32) -> Vec<Spectrum> {
-    render_with_layers(scene, layers, settings, 7, iteration, &[], &Unobserved)
+    render_remembering(scene, layers, &Memory::default(), settings, iteration)
+}
+
+fn render_remembering(
+    scene: &Scene,
+    layers: &Layers,
+    memory: &Memory,
+    settings: &IntegratorSettings,
+    iteration: u32,
+) -> Vec<Spectrum> {
+    render_with_layers(scene, (layers, memory), settings, 7, iteration, &[], &Unobserved)
         .unwrap()
         .pixels
 }
@@ -48,7 +61,9 @@ fn render(scene: &Scene, layers: &Layers, settings: &IntegratorSettings, iterati
 /// The average of the first iterations.
 fn average(scene: &Scene, layers: &Layers, settings: &IntegratorSettings, iterations: u32) -> Image {
     let [width, height] = layers.stacked(scene.film.resolution);
-    let node = |leaf: u32| Node::leaf(leaf, width, height, &render(scene, layers, settings, leaf + 1)).unwrap();
+    let memory = Memory::default();
+    let iteration = |leaf: u32| render_remembering(scene, layers, &memory, settings, leaf + 1);
+    let node = |leaf: u32| Node::leaf(leaf, width, height, &iteration(leaf)).unwrap();
     Image::average(&(0..iterations).map(node).collect::<Vec<_>>()).unwrap()
 }
 
@@ -68,32 +83,33 @@ fn independent() -> impl Iterator<Item = IntegratorSettings> {
         })
 }
 
+/// Asserts that the layers of an iteration add up to its picture, pixel by pixel, and gives the sum of each layer over its pixels.
+fn assert_parts_add_up(scene: &Scene, parts: &Layers, settings: &IntegratorSettings) -> Vec<Spectrum> {
+    let size = (SIZE * SIZE) as usize;
+    let stack = render(scene, parts, settings, 1);
+    let (picture, planes) = stack.split_at(size);
+    let mean = picture.iter().copied().sum::<Spectrum>().luminance() / size as f32;
+    assert!(mean > 0.01, "{}", settings.name());
+    for (pixel, whole) in picture.iter().enumerate() {
+        let sum: Spectrum = planes.chunks_exact(size).map(|plane| plane[pixel]).sum();
+        // Rounding of sums of some thousand numbers of 24 bits.
+        let tolerance = 1e-4 * (whole.luminance() + mean);
+        let apart = sum.zip(*whole, |a, b| (a - b).abs()).max_component();
+        let name = settings.name();
+        assert!(apart < tolerance, "{name}, pixel {pixel}: {sum:?} of {whole:?}");
+    }
+    let planes = planes.chunks_exact(size);
+    planes.map(|plane| plane.iter().copied().sum()).collect()
+}
+
 #[test]
 fn lamps_add_up_to_the_picture_whatever_the_integrator() {
     let scene = load(ROOM, LAMPS);
     assert_eq!(scene.lamps[..3], ["panel", "bulb", "lamp-3"]);
     let each = layers(&["lamp:panel", "lamp:bulb", "lamp:lamp-3+lamp-4", "lamp:sky", "lamp:*"]);
-    let size = (SIZE * SIZE) as usize;
     for settings in independent() {
-        let stack = render(&scene, &each, &settings, 1);
-        let (picture, planes) = stack.split_at(size);
-        let mean = picture.iter().copied().sum::<Spectrum>().luminance() / size as f32;
-        assert!(mean > 0.01, "{}", settings.name());
-        for (index, plane) in planes.chunks_exact(size).enumerate() {
-            let sum: Spectrum = plane.iter().copied().sum();
-            assert!(!sum.is_black(), "{}: layer {index} is black", settings.name());
-        }
-        for (pixel, whole) in picture.iter().enumerate() {
-            let sum: Spectrum = planes.chunks_exact(size).map(|plane| plane[pixel]).sum();
-            // Rounding of sums of some thousand numbers of 24 bits.
-            let tolerance = 1e-4 * (whole.luminance() + mean);
-            let apart = sum.zip(*whole, |a, b| (a - b).abs()).max_component();
-            assert!(
-                apart < tolerance,
-                "{}, pixel {pixel}: {sum:?} of {whole:?}",
-                settings.name()
-            );
-        }
+        let sums = assert_parts_add_up(&scene, &each, &settings);
+        assert!(sums.iter().all(|sum| !sum.is_black()), "{}: {sums:?}", settings.name());
     }
 }
 
@@ -106,26 +122,12 @@ fn paths_add_up_to_the_picture_whatever_the_integrator() {
         "mirror=L S+ E",
         "others=L (S* [DG] . .* | S+ G) E",
     ];
-    let (scene, each, size) = (load(ROOM, LAMPS), layers(&parts), (SIZE * SIZE) as usize);
+    let (scene, each) = (load(ROOM, LAMPS), layers(&parts));
     for settings in independent() {
-        let stack = render(&scene, &each, &settings, 1);
-        let (picture, planes) = stack.split_at(size);
-        let mean = picture.iter().copied().sum::<Spectrum>().luminance() / size as f32;
-        for (part, plane) in parts.iter().zip(planes.chunks_exact(size)) {
-            let sum: Spectrum = plane.iter().copied().sum();
+        for (part, sum) in parts.iter().zip(assert_parts_add_up(&scene, &each, &settings)) {
             // Light paths do not find a pinhole through glass.
             let found = settings.name() != "light" || !part.starts_with("mirror");
             assert_eq!(!sum.is_black(), found, "{}: {part}", settings.name());
-        }
-        for (pixel, whole) in picture.iter().enumerate() {
-            let sum: Spectrum = planes.chunks_exact(size).map(|plane| plane[pixel]).sum();
-            let tolerance = 1e-4 * (whole.luminance() + mean);
-            let apart = sum.zip(*whole, |a, b| (a - b).abs()).max_component();
-            assert!(
-                apart < tolerance,
-                "{}, pixel {pixel}: {sum:?} of {whole:?}",
-                settings.name()
-            );
         }
     }
 }

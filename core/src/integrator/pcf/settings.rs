@@ -221,6 +221,11 @@ impl Estimator for PcfSettings {
         Some(self.kernels(scene, iteration))
     }
 
+    /// Importons are the queries of all pixels, and points of the discs about queries are numbered through them.
+    fn needs_all_pixels(&self) -> bool {
+        self.surface_test || self.samplers.contains(&DirectionSampler::Importon)
+    }
+
     fn render(&self, job: &Job, _before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError> {
         super::render(job, self, self.kernels(job.at_rest, job.iteration), observer)
     }

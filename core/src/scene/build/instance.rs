@@ -38,6 +38,7 @@ impl Builder<'_, '_> {
         }
         reader.finish();
         let group = self.group(child.target)?;
+        self.placing = Some([object, child.target]);
         if let Some(shapes) = &group.shapes {
             self.count_shape(&reader, true)?;
             let (moving, placed) = match to_world.moves_within(self.motion.shutter) {
@@ -59,7 +60,7 @@ impl Builder<'_, '_> {
                 None => {
                     let still = AnimatedTransform::default();
                     check_motion(&reader, ShapeId(0), &shape, &still)?;
-                    self.add_shape(shape, NO_MATERIAL);
+                    self.add_shape(object, shape, NO_MATERIAL);
                 }
             }
         }
@@ -79,6 +80,7 @@ impl Builder<'_, '_> {
         let children = reader.children(Kind::Shape);
         reader.finish();
         let outer = (std::mem::take(&mut self.shapes), std::mem::take(&mut self.bindings));
+        let outer_names = self.called.objects.len();
         self.within_group = true;
         let mut shining = Vec::new();
         let mut result = Ok(());
@@ -96,6 +98,7 @@ impl Builder<'_, '_> {
         self.within_group = false;
         let shapes = std::mem::replace(&mut self.shapes, outer.0);
         let bindings = std::mem::replace(&mut self.bindings, outer.1);
+        self.called.objects.truncate(outer_names);
         result?;
         if shapes.is_empty() && shining.is_empty() {
             reader.warn(reader.place(), "the group holds no shapes: its instances are left out");

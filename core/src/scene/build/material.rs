@@ -10,6 +10,7 @@ use crate::scene::spectrum::Use;
 use crate::spectrum::Spectrum;
 use crate::texture::Texture;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 const SUPPORTED: [&str; 27] = [
     "diffuse",
@@ -59,10 +60,7 @@ impl Builder<'_, '_> {
         }
         let built = self.new_material(object);
         let index = match self.description.attempt(object, built)? {
-            Some(material) => {
-                self.materials.push(material);
-                self.materials.len() as u32 - 1
-            }
+            Some(material) => self.add_material(material, self.name_of_material(object)),
             None => self.default_material(),
         };
         // What shows attributes of a mesh is the material of this mesh alone.
@@ -74,12 +72,36 @@ impl Builder<'_, '_> {
 
     /// The material of shapes without one: Mitsuba's default, a grey diffuse surface.
     pub(super) fn default_material(&mut self) -> u32 {
-        *self.default_material.get_or_insert_with(|| {
-            self.materials.push(Material::Diffuse {
-                reflectance: Texture::Constant(Spectrum::splat(0.5)),
-            });
-            self.materials.len() as u32 - 1
-        })
+        if let Some(index) = self.default_material {
+            return index;
+        }
+        let grey = Material::Diffuse {
+            reflectance: Texture::Constant(Spectrum::splat(0.5)),
+        };
+        let index = self.add_material(grey, None);
+        self.default_material = Some(index);
+        index
+    }
+
+    fn add_material(&mut self, material: Material, name: Option<Arc<str>>) -> u32 {
+        self.materials.push(material);
+        self.called.materials.push(name);
+        self.materials.len() as u32 - 1
+    }
+
+    /// What a material is called: where it has no name itself and lies around one other, what that is called.
+    fn name_of_material(&self, object: ObjectId) -> Option<Arc<str>> {
+        let mut within = vec![object];
+        while within.len() as u64 <= DEEPEST {
+            let last = within.last().copied()?;
+            let children = self.description.objects[last].children.iter();
+            let bsdfs = children.filter(|child| self.description.objects[child.target].kind == Kind::Bsdf);
+            match &bsdfs.map(|child| child.target).collect::<Vec<_>>()[..] {
+                [only] => within.push(*only),
+                _ => break,
+            }
+        }
+        self.name_of(within)
     }
 
     pub(super) fn new_material(&mut self, object: ObjectId) -> Result<Material, SceneError> {

@@ -20,7 +20,7 @@ use super::format::Format;
 use super::loader::{LoadedFile, Loader};
 use super::mesh::MeshTotals;
 use super::reader::Reader;
-use super::{Scene, SceneContents, ShapeBinding, Wishes, lamps};
+use super::{Names, Scene, SceneContents, ShapeBinding, Wishes, lamps};
 use crate::geometry::{Geometry, Shape, ShapeGroup, ShapeId, ShapeSampler};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
@@ -127,6 +127,10 @@ struct Builder<'b, 'f> {
     names: BTreeMap<ObjectId, &'b str>,
     /// The name of each light.
     lamps: Vec<String>,
+    /// The names of shapes and materials that were built.
+    called: Names,
+    /// The instance that places the shapes which are built, and its group.
+    placing: Option<[ObjectId; 2]>,
     motion: Motion,
     /// The attributes of the mesh whose material is built.
     attributes: MeshAttributes,
@@ -174,6 +178,8 @@ impl<'b, 'f> Builder<'b, 'f> {
                 .map(|(name, object)| (*object, name.as_str()))
                 .collect(),
             lamps: Vec::new(),
+            called: Names::default(),
+            placing: None,
             motion: Motion::default(),
             attributes: MeshAttributes::default(),
             material_of: BTreeMap::new(),
@@ -247,7 +253,25 @@ impl<'b, 'f> Builder<'b, 'f> {
         self.loader.open(place, &reader.object.search, name)
     }
 
-    fn add_shape(&mut self, shape: Shape, material: u32) -> ShapeId {
+    /// What the first of some objects is called that is called anything.
+    fn name_of(&self, objects: impl IntoIterator<Item = ObjectId>) -> Option<Arc<str>> {
+        let name = |object: &ObjectId| match (self.names.get(object), self.description.called.get(object)) {
+            (Some(id), _) => Some(Arc::from(*id)),
+            (None, called) => called.cloned(),
+        };
+        objects.into_iter().find_map(|object| name(&object))
+    }
+
+    /// Adds a shape that `object` describes. It is called as that, or as what that lies in or is placed by.
+    fn add_shape(&mut self, object: ObjectId, shape: Shape, material: u32) -> ShapeId {
+        let around = self.building.iter().rev().copied();
+        let name = self.name_of(
+            [object]
+                .into_iter()
+                .chain(around)
+                .chain(self.placing.into_iter().flatten()),
+        );
+        self.called.objects.push(name);
         self.shapes.push(shape);
         self.bindings.push(ShapeBinding { material, light: None });
         ShapeId(self.shapes.len() as u32 - 1)
@@ -333,6 +357,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             materials: self.materials.into(),
             lights,
             lamps: self.lamps.into(),
+            names: Arc::new(self.called),
             paths: None,
             hide_emitters: self.hide_emitters,
             sensor,
@@ -346,8 +371,8 @@ impl<'b, 'f> Builder<'b, 'f> {
                 ..contents
             },
             wishes,
-            warnings: self.description.warnings.take(),
-            notes: self.description.warnings.take_remarks(),
+            warnings: self.description.warnings.take().into(),
+            notes: self.description.warnings.take_remarks().into(),
             motion: (!self.motion.is_empty()).then_some(self.motion),
             small_lamp,
             tiles: self.tiles,

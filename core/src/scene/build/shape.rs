@@ -56,7 +56,11 @@ impl Builder<'_, '_> {
                 self.shape_group(object);
                 Ok(())
             }
-            "instance" => self.instance(object),
+            "instance" => {
+                let built = self.instance(object);
+                self.placing = None;
+                built
+            }
             "merge" => self.merge(&reader, object, placed),
             other if LEFT_OUT.contains(&other) => {
                 reader.warn(
@@ -174,7 +178,7 @@ impl Builder<'_, '_> {
         });
         let shape = match &moving {
             Some(to_world) => self.add_moving_shape(reader, shape, to_world, material)?,
-            None => self.add_shape(shape, material),
+            None => self.add_shape(reader.id, shape, material),
         };
         if metered && let Some((_, found)) = &mut self.metered {
             *found = Some(shape);
@@ -218,7 +222,7 @@ impl Builder<'_, '_> {
         material: u32,
     ) -> Result<ShapeId, SceneError> {
         check_motion(reader, ShapeId(self.shapes.len() as u32), &shape, to_world)?;
-        let id = self.add_shape(shape.moved(&to_world.at(self.motion.at_rest())), material);
+        let id = self.add_shape(reader.id, shape.moved(&to_world.at(self.motion.at_rest())), material);
         self.motion.shapes.push(MovingShape {
             id,
             shape,

@@ -131,6 +131,9 @@ impl Maker<'_, '_, '_, '_, '_> {
             false => self.around("twosided", bumped),
         };
         let bsdf = self.masked(both)?;
+        if let Some(bsdf) = bsdf {
+            self.draft.call(bsdf, &material.name);
+        }
         let emitter = self.emitter(unlit)?;
         Ok(Look {
             bsdf,

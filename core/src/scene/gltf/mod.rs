@@ -212,6 +212,7 @@ impl SceneWriter<'_, '_, '_> {
             for place in &places {
                 let name = node_name(document, index);
                 let instance = self.draft.add(Kind::Shape, "instance", Some(&name), self.told.place());
+                self.draft.call(instance, &node.name);
                 self.draft.set(instance, "to_world", copied(place));
                 self.draft.link(instance, None, group);
                 self.draft.link(0, None, instance);
@@ -337,7 +338,8 @@ impl SceneWriter<'_, '_, '_> {
             node_name(self.document, node),
             primitive_name(self.document, mesh, number)
         );
-        self.shape(parent, &triangles, look, place, &name);
+        let names = (name.as_str(), written.as_str());
+        self.shape(parent, &triangles, look, place, names);
         if look.emitter.is_some()
             && let Some(back) = sheet::back(&triangles.mesh)
         {
@@ -345,14 +347,22 @@ impl SceneWriter<'_, '_, '_> {
                 mesh: back.into(),
                 ..triangles
             };
-            self.shape(parent, &back, look, place, &name);
+            self.shape(parent, &back, look, place, names);
         }
         Ok(())
     }
 
-    /// Adds triangles with their look at a place.
-    fn shape(&mut self, parent: ObjectId, triangles: &Triangles, look: Look, to_world: &Value, name: &str) {
+    /// Adds triangles with their look at a place. `names`: what messages call them, and what their node is called.
+    fn shape(
+        &mut self,
+        parent: ObjectId,
+        triangles: &Triangles,
+        look: Look,
+        to_world: &Value,
+        (name, node): (&str, &str),
+    ) {
         let shape = self.draft.add(Kind::Shape, "mesh", Some(name), self.told.place());
+        self.draft.call(shape, node);
         self.draft
             .set(shape, "mesh", Value::Mesh(triangles.mesh.clone().into()));
         if !triangles.has_normals {

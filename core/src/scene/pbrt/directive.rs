@@ -112,6 +112,7 @@ impl Reading<'_, '_> {
                 let (name, parameters) = self.parameters(word, "material", tokens)?;
                 let kind = parameters.text("type")?.unwrap_or("diffuse").to_owned();
                 let material = self.material(&kind, &parameters)?;
+                self.draft.call(material, &name);
                 self.materials.insert(name, material);
                 Ok(())
             }
@@ -223,6 +224,7 @@ impl Reading<'_, '_> {
         }
         let written = format!("ObjectBegin \"{}\"", shortened(&name));
         let group = self.draft.add(Kind::Shape, "shapegroup", Some(&written), &place);
+        self.draft.call(group, &name);
         if self.groups.insert(name, group).is_some() {
             let message = format!("{written}: it takes the place of an object of the name from here on");
             self.warnings.note(&place, message);

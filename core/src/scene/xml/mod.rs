@@ -500,6 +500,7 @@ impl XmlReader<'_, '_> {
         Ok(Description {
             objects: self.objects,
             ids: self.ids.into_iter().map(|(id, (object, _))| (id, object)).collect(),
+            called: BTreeMap::new(),
             faults: self.faults,
             warnings: self.warnings,
         })

@@ -118,6 +118,7 @@ pub(super) fn default_view(geometry: &Geometry) -> View {
     let film = FilmSettings {
         resolution: DEFAULT_RESOLUTION,
         filter: DEFAULT_FILTER,
+        window: None,
     };
     let sensor = Sensor {
         to_world: Transform::from_matrix(glam::DMat4::from_translation(eye)).unwrap_or_default(),
@@ -225,6 +226,7 @@ pub(super) fn build(
             } else {
                 film.filter
             },
+            window: None,
         },
         sample_count,
     };
