@@ -3,6 +3,7 @@
 use crate::backoff::Backoff;
 use crate::block::{Deadline, Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
+use crate::check::Checker;
 use crate::client::{Client, ClientError, retry};
 use crate::credentials::Credentials;
 use crate::drain::Stop;
@@ -14,6 +15,7 @@ use crate::render::{CoreRenderer, LoadedScene, Renderer};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_core::settings::{IntegratorSettings, SettingError};
+use photonfarm_proto::check::Checking;
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
@@ -203,7 +205,9 @@ impl Worker {
         };
         let (announce, announced) = watch::channel(terms);
         let _abandon_when_dropped = Abandon(self.held.clone());
-        let _heart = detached(beat(self.client.clone(), self.held.clone(), announced));
+        let renderer = self.config.renderer.clone();
+        let checker = Checker::new(self.client.clone(), self.cache.clone(), renderer, stop.drain.clone());
+        let _heart = detached(beat(self.client.clone(), self.held.clone(), checker.clone(), announced));
         let (outbox, parcels) = mpsc::channel(OUTBOX);
         let courier = Courier {
             client: self.client.clone(),
@@ -214,7 +218,7 @@ impl Worker {
         let courier = detached(courier.carry(parcels));
         let (mut backoff, mut notices) = (Backoff::default(), None);
         while !stop.drain.is_cancelled() {
-            match self.next_assignment(terms.worker, &stop.drain).await {
+            match self.next_assignment(terms.worker, &checker, &stop.drain).await {
                 Ok(Some(assignment)) => {
                     let (parcel, smooth) = self.work_on(assignment, terms.stores, &stop).await;
                     if outbox.send(parcel).await.is_err() {
@@ -298,6 +302,7 @@ impl Worker {
     async fn next_assignment(
         &self,
         worker: WorkerId,
+        checker: &Checker,
         drain: &CancellationToken,
     ) -> Result<Option<Assignment>, ClientError> {
         let ask = || async {
@@ -309,6 +314,9 @@ impl Worker {
                 wait_ms: POLL.as_millis() as u64,
             };
             let reply: LeaseReply = self.client.call("worker/lease", &request, POLL).await?;
+            if let Some(check) = reply.check {
+                checker.begin(worker, check);
+            }
             Ok(reply.assignment)
         };
         retry(drain, "the request for work", ask).await
@@ -522,21 +530,30 @@ fn detached<T: Send + 'static>(task: impl Future<Output = T> + Send + 'static) -
     AbortOnDropHandle::new(tokio::spawn(task))
 }
 
-/// Sends heartbeats for the leases held.
-async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>) {
+/// Sends heartbeats for the leases held, and for a scene that is checked.
+async fn beat(client: Client, held: Held, checker: Checker, terms: watch::Receiver<Terms>) {
     loop {
         let Terms { worker, heartbeat, .. } = *terms.borrow();
         tokio::time::sleep(heartbeat).await;
-        let leases = held.progress();
-        if leases.is_empty() {
+        let (leases, checking) = (held.progress(), checker.checking());
+        if leases.is_empty() && !matches!(checking, Checking::At(_)) {
             continue;
         }
-        let message = Heartbeat { worker, leases };
+        let message = Heartbeat {
+            worker,
+            leases,
+            checking,
+        };
         let reply = client
             .call::<_, HeartbeatReply>("worker/heartbeat", &message, Duration::ZERO)
             .await;
         match reply {
-            Ok(HeartbeatReply { lost }) => held.lose(&lost),
+            Ok(HeartbeatReply { lost, check }) => {
+                held.lose(&lost);
+                if let Some(check) = check {
+                    checker.begin(worker, check);
+                }
+            }
             Err(error) if error.code() == Some(ErrorCode::UnknownWorker) => held.lose(&held.tokens()),
             Err(error) => tracing::debug!(%error, "a heartbeat was missed"),
         }

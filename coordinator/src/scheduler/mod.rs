@@ -11,6 +11,7 @@ mod after;
 mod alive;
 mod block;
 mod chain;
+mod check;
 mod config;
 mod deliver;
 mod demand;

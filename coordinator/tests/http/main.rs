@@ -1,6 +1,7 @@
 //! The HTTP interface over a real connection.
 
 mod access;
+mod checks;
 mod clients;
 mod connections;
 mod page;

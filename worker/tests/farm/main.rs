@@ -2,6 +2,7 @@
 //! single process, and nothing is lost, counted twice or passed over in silence.
 
 mod chains;
+mod checks;
 mod support;
 
 use photonfarm_proto::job::{FailureKind, JobState};
