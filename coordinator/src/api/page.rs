@@ -17,7 +17,7 @@ macro_rules! file {
 /// The media type of pages.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
 
-const FILES: [(&str, &str, &str); 21] = [
+const FILES: [(&str, &str, &str); 22] = [
     file!("index.html", "text/html; charset=utf-8"),
     file!("main.js", "text/javascript; charset=utf-8"),
     file!("farm.js", "text/javascript; charset=utf-8"),
@@ -35,6 +35,7 @@ const FILES: [(&str, &str, &str); 21] = [
     file!("commands.js", "text/javascript; charset=utf-8"),
     file!("overview.js", "text/javascript; charset=utf-8"),
     file!("drop.js", "text/javascript; charset=utf-8"),
+    file!("check.js", "text/javascript; charset=utf-8"),
     file!("archive.js", "text/javascript; charset=utf-8"),
     file!("blake3.js", "text/javascript; charset=utf-8"),
     file!("style.css", "text/css; charset=utf-8"),
