@@ -39,6 +39,10 @@ number_id! {
     /// A worker process, from its registration to its end.
     WorkerId
 }
+number_id! {
+    /// A check. Numbers are random, so that none is used again after a start of the coordinator.
+    CheckId
+}
 
 /// The fencing token of a lease. Nobody but its worker knows the nonce: to know a lease's number is not to hold it.
 ///

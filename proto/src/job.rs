@@ -146,7 +146,7 @@ fn check_labels(labels: &BTreeMap<String, String>) -> Result<(), LimitError> {
 }
 
 /// What the OpenAPI document says of an integrator with its settings.
-struct IntegratorSchema;
+pub(crate) struct IntegratorSchema;
 
 impl PartialSchema for IntegratorSchema {
     fn schema() -> RefOr<Schema> {

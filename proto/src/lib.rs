@@ -6,6 +6,7 @@
 
 pub mod api;
 pub mod bundle;
+pub mod check;
 pub mod codec;
 pub mod history;
 pub mod id;

@@ -11,6 +11,7 @@
 //! | `POST /v1/worker/nodes/stored` | [`NodeUpload`] | [`NodeReply`] |
 //! | `POST /v1/worker/statistics` | [`StatisticsRequest`] | [`statistics_body`] |
 //! | `POST /v1/worker/scene` | [`SceneReport`] | [`Acknowledged`] |
+//! | `POST /v1/worker/check` | [`CheckResult`] | [`Acknowledged`] |
 //! | `POST /v1/worker/failures` | [`FailureReport`] | [`Acknowledged`] |
 //! | `POST /v1/worker/release` | [`Release`] | [`Acknowledged`] |
 //! | `POST /v1/worker/leave` | [`Leave`] | [`Acknowledged`] |
@@ -19,6 +20,7 @@
 //!
 //! Errors are problem documents, as everywhere.
 
+use crate::check::{CheckAssignment, CheckResult, Checking};
 use crate::codec::{self, CodecError, Message};
 use crate::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use crate::job::{FailureKind, JobSpec, Totals};
@@ -105,6 +107,8 @@ pub struct Lease {
 pub struct LeaseReply {
     /// The work.
     pub assignment: Option<Assignment>,
+    /// A scene to be checked before that, or beside it.
+    pub check: Option<CheckAssignment>,
 }
 
 /// Work: a lease and what to render.
@@ -124,6 +128,8 @@ pub struct Heartbeat {
     pub worker: WorkerId,
     /// The leases it holds, at most [`MOST_LEASES`].
     pub leases: Vec<LeaseProgress>,
+    /// What it does about checks.
+    pub checking: Checking,
 }
 
 /// How far a lease has come.
@@ -136,10 +142,12 @@ pub struct LeaseProgress {
 }
 
 /// Which leases are gone.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeartbeatReply {
     /// Leases among those named that have expired or were revoked: their work is void.
     pub lost: Vec<LeaseToken>,
+    /// A scene to be checked beside what it is at work on, since no other worker has the time.
+    pub check: Option<CheckAssignment>,
 }
 
 /// Announces the image of a node; the planes follow.
@@ -317,6 +325,7 @@ kinds! {
     NodePlace = 13,
     StatisticsRequest = 14,
     SceneReport = 15,
+    CheckResult = 16,
     Rest = 20,
 }
 
@@ -334,25 +343,30 @@ pub fn frame_upload(upload: &NodeUpload) -> Result<Vec<u8>, CodecError> {
 /// Cuts a text to at most [`TEXT_BYTES`] bytes, at a character.
 #[must_use]
 pub fn cut_text(mut text: String) -> String {
-    if text.len() > TEXT_BYTES {
-        let end = (0..=TEXT_BYTES).rev().find(|&i| text.is_char_boundary(i)).unwrap_or(0);
-        text.truncate(end);
-    }
+    cut_to(&mut text, TEXT_BYTES);
     text
 }
 
-mod json_text {
+/// Cuts a text to at most so many bytes, at a character.
+pub(crate) fn cut_to(text: &mut String, most: usize) {
+    if text.len() > most {
+        let end = (0..=most).rev().find(|&i| text.is_char_boundary(i)).unwrap_or(0);
+        text.truncate(end);
+    }
+}
+
+pub(crate) mod json_text {
     use serde::de::{DeserializeOwned, Error as _};
     use serde::ser::Error as _;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub(super) fn serialize<T: Serialize, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<T: Serialize, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
         serde_json::to_string(value)
             .map_err(S::Error::custom)?
             .serialize(serializer)
     }
 
-    pub(super) fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+    pub(crate) fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
         serde_json::from_str(&String::deserialize(deserializer)?).map_err(D::Error::custom)
     }
 }
@@ -390,6 +404,7 @@ mod tests {
         };
         LeaseReply {
             assignment: Some(Assignment { lease, spec }),
+            check: None,
         }
     }
 

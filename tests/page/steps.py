@@ -88,7 +88,10 @@ def drop_archive(visit, scenes):
     assert page.input_value("input[name=name]") == "cornell-bunny"
     page.fill("input[name=defines]", "width=96 height=96")
     page.fill("input[name=iterations]", "4")
-    button(page, "Start the job").click()
+    page.wait_for_selector(".check p:has-text('no worker is connected')")
+    assert button(page, "Render").is_disabled()
+    # Without an answer for some seconds the job may begin.
+    button(page, "Render").click()
     page.wait_for_url("**/#/jobs/1")
     page.wait_for_selector("dd:has-text('no worker is connected')")
 
@@ -102,7 +105,7 @@ def drop_folder(visit, scenes):
     assert page.input_value("input[name=name]") == "still-life"
     page.fill("input[name=defines]", "width=336 height=224" if visit.screenshots else "width=192 height=128")
     page.fill("input[name=iterations]", "3000")
-    button(page, "Start the job").click()
+    button(page, "Render").click()
     page.wait_for_url("**/#/jobs/2")
     page.wait_for_selector("dd:has-text('no worker is connected')")
 
@@ -336,6 +339,59 @@ def many_jobs(visit, _):
     page.wait_for_selector(f".job a:has-text('shot-{extra - 1}')")
     visit.go("#/jobs/9999")
     page.wait_for_selector("p:has-text('There is no such job')")
+ODD = b"<scene version='3.0.0'>\n<shape type='rectangle'/>\n<medium type='homogeneous'/></scene>"
+BROKEN = b"<scene version='3.0.0'>\n<shape type='shpere'/></scene>"
+
+
+def look_at_check(page):
+    """What is shown of a check is for everybody, and fits a phone."""
+    check_axe(page)
+    page.set_viewport_size({"width": 375, "height": 812})
+    assert page.evaluate(NO_SCROLLING)
+    page.set_viewport_size({"width": 1180, "height": 900})
+
+
+def check_good(visit, scenes):
+    """busy workers say what a scene holds before there is a job, and again after a change"""
+    page, farm = visit.page, visit.farm
+    visit.go("#/")
+    jobs = farm.ask("jobs")
+    drop(page, "cornell-bunny.zip", packed(scenes / "cornell-bunny"))
+    page.wait_for_selector(".check p:has-text('The scene can be rendered: no warnings.')")
+    assert button(page, "Render").is_enabled()
+    assert "Mitsuba XML" in page.locator(".check dl").inner_text()
+    assert page.locator(".check summary:has-text('Settings')").is_visible()
+    visit.picture("check")
+    page.fill("input[name=defines]", "width=80 height=60")
+    page.locator("input[name=defines]").blur()
+    page.wait_for_selector(".check dd:has-text('80 × 60 pixels')")
+    look_at_check(page)
+    button(page, "Leave it").click()
+    assert not page.locator(".check").is_visible()
+    drop(page, "odd.xml", ODD)
+    page.wait_for_selector(".check li:has-text('odd.xml:3: ')")
+    assert button(page, "Render").is_enabled()
+    button(page, "Leave it").click()
+    assert [job["id"] for job in json.loads(farm.ask("jobs"))["jobs"]] == [job["id"] for job in json.loads(jobs)["jobs"]]
+
+
+def check_broken(visit, _):
+    """an error is told with file and line, and there is no job of such a scene"""
+    page = visit.page
+    drop(page, "broken.xml", BROKEN)
+    page.wait_for_selector(".check li:has-text('broken.xml:2: ')")
+    assert page.locator("#check-said").inner_text().startswith("The scene cannot be rendered: 1 error.")
+    assert button(page, "Render").is_disabled()
+    look_at_check(page)
+    page.locator("input[name=name]").focus()
+    page.keyboard.press("Enter")
+    # The parameter is none: the farm is not even asked.
+    page.fill("input[name=defines]", "width")
+    page.locator("input[name=defines]").blur()
+    page.wait_for_selector(".check p:has-text('width gives no parameter a value')")
+    assert button(page, "Render").is_disabled()
+    button(page, "Leave it").click()
+    assert page.evaluate("location.hash") == "#/"
 
 
 def cancel(visit, _):
@@ -418,4 +474,4 @@ def everybody(visit, _):
         page.set_viewport_size({"width": 1180, "height": 900})
 
 
-ALL = [sign_in, drop_archive, drop_folder, first_picture, sharpen, probe, compare, extend, heal, lamps, workers, cancel, keyboard, everybody, many_jobs]
+ALL = [sign_in, drop_archive, drop_folder, first_picture, sharpen, probe, compare, extend, heal, check_good, check_broken, lamps, workers, cancel, keyboard, everybody, many_jobs]

@@ -1,6 +1,6 @@
 //! The process that leases iterations, renders them and sends the sums back.
 //!
-//! One lease is rendered at a time; while it is, finished nodes go out and heartbeats go on beside it. A finished node
+//! One lease is rendered at a time; while it is, finished nodes go out, heartbeats go on, and a scene may be checked beside it. A finished node
 //! is kept until the coordinator has acknowledged it, however long the coordinator is away; a worker that has to go
 //! before that keeps it on disk.
 
@@ -8,6 +8,7 @@ mod attendance;
 mod backoff;
 mod block;
 mod cache;
+mod check;
 mod client;
 mod config;
 mod credentials;

@@ -7,6 +7,7 @@ use photonfarm_core::integrator::{self, Iteration, Observer, RenderError};
 use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::scene::{Limits, Place, Scene, SceneError, SceneFiles, Wishes};
 use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_proto::check::{CheckAnswer, CheckError, CheckFailure, CheckReport};
 use photonfarm_proto::job::{BandwidthRange, JobSpec};
 use std::sync::Arc;
 
@@ -14,6 +15,10 @@ use std::sync::Arc;
 pub trait Renderer: Send + Sync + 'static {
     /// Reads the scene of a job. The error is for people: file, line, and what is wrong.
     fn load(&self, files: &BundleFiles, spec: &JobSpec) -> Result<Arc<dyn LoadedScene>, String>;
+    /// Reads the scene of a job and says what it holds, or all that is wrong with it.
+    fn check(&self, _files: &BundleFiles, _spec: &JobSpec) -> CheckAnswer {
+        CheckAnswer::Never("this worker checks no scenes".into())
+    }
 }
 
 /// A scene ready to be rendered.
@@ -57,6 +62,24 @@ impl Renderer for CoreRenderer {
         layers.check_scene(&scene).map_err(|error| error.to_string())?;
         Ok(Arc::new(CoreScene::new(scene, layers)))
     }
+
+    fn check(&self, files: &BundleFiles, spec: &JobSpec) -> CheckAnswer {
+        match report(files, spec) {
+            Ok(report) => CheckAnswer::Report(Box::new(report)),
+            Err(failure) => CheckAnswer::Failure(failure),
+        }
+    }
+}
+
+fn report(files: &BundleFiles, spec: &JobSpec) -> Result<CheckReport, CheckFailure> {
+    let limits = Limits::default();
+    let scene = Scene::load_sensor(files, &spec.main, &spec.defines, spec.sensor.as_deref(), &limits);
+    let scene = scene.map_err(|faults| CheckFailure::from(&faults))?;
+    let integrator = spec.integrator.resolve(&scene.wishes);
+    let integrator = integrator.map_err(|error| CheckFailure::one(error.into()))?;
+    let layers = spec.layers().and_then(|layers| layers.check_scene(&scene));
+    layers.map_err(|error| CheckFailure::one(CheckError::of_request(Some("layers"), error.to_string())))?;
+    Ok(CheckReport::of(&spec.main, &scene, &integrator))
 }
 
 impl SceneFiles for BundleFiles {

@@ -3,6 +3,7 @@
 use crate::backoff::Backoff;
 use crate::block::{Deadline, Ending, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
+use crate::check::Checker;
 use crate::client::{Client, ClientError, retry};
 use crate::config::{WorkerConfig, WorkerError};
 use crate::drain::Stop;
@@ -18,6 +19,7 @@ use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_core::film::Window;
 use photonfarm_core::settings::{IntegratorSettings, SettingError};
+use photonfarm_proto::check::Checking;
 use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
@@ -145,7 +147,9 @@ impl Worker {
         }
         let (announce, announced) = watch::channel(terms);
         let _abandon_when_dropped = Abandon(self.held.clone());
-        let _heart = detached(beat(self.client.clone(), self.held.clone(), announced));
+        let renderer = self.config.renderer.clone();
+        let checker = Checker::new(self.client.clone(), self.cache.clone(), renderer, stop.drain.clone());
+        let _heart = detached(beat(self.client.clone(), self.held.clone(), checker.clone(), announced));
         let (outbox, parcels) = mpsc::channel(OUTBOX);
         let courier = Courier {
             client: self.client.clone(),
@@ -160,7 +164,7 @@ impl Worker {
             let shift = Shift::begin(&stop, rests.clone(), self.config.drain);
             let asked = match rests.now() {
                 Some(resting) => self.rest(terms.worker, resting, rests, &stop.drain).await,
-                None => self.next_assignment(terms.worker, &shift.stop.drain).await,
+                None => self.next_assignment(terms.worker, &checker, &shift.stop.drain).await,
             };
             match asked {
                 Ok(Some(assignment)) => {
@@ -247,6 +251,7 @@ impl Worker {
     async fn next_assignment(
         &self,
         worker: WorkerId,
+        checker: &Checker,
         drain: &CancellationToken,
     ) -> Result<Option<Assignment>, ClientError> {
         let ask = || async {
@@ -258,6 +263,9 @@ impl Worker {
                 wait_ms: POLL.as_millis() as u64,
             };
             let reply: LeaseReply = self.client.call("worker/lease", &request, POLL).await?;
+            if let Some(check) = reply.check {
+                checker.begin(worker, check);
+            }
             Ok(reply.assignment)
         };
         retry(drain, "the request for work", ask).await
@@ -532,21 +540,30 @@ fn detached<T: Send + 'static>(task: impl Future<Output = T> + Send + 'static) -
     AbortOnDropHandle::new(tokio::spawn(task))
 }
 
-/// Sends heartbeats for the leases held.
-async fn beat(client: Client, held: Held, terms: watch::Receiver<Terms>) {
+/// Sends heartbeats for the leases held, and for a scene that is checked.
+async fn beat(client: Client, held: Held, checker: Checker, terms: watch::Receiver<Terms>) {
     loop {
         let Terms { worker, heartbeat, .. } = *terms.borrow();
         tokio::time::sleep(heartbeat).await;
-        let leases = held.progress();
-        if leases.is_empty() {
+        let (leases, checking) = (held.progress(), checker.checking());
+        if leases.is_empty() && !matches!(checking, Checking::At(_)) {
             continue;
         }
-        let message = Heartbeat { worker, leases };
+        let message = Heartbeat {
+            worker,
+            leases,
+            checking,
+        };
         let reply = client
             .call::<_, HeartbeatReply>("worker/heartbeat", &message, Duration::ZERO)
             .await;
         match reply {
-            Ok(HeartbeatReply { lost }) => held.lose(&lost),
+            Ok(HeartbeatReply { lost, check }) => {
+                held.lose(&lost);
+                if let Some(check) = check {
+                    checker.begin(worker, check);
+                }
+            }
             Err(error) if error.code() == Some(ErrorCode::UnknownWorker) => held.lose(&held.tokens()),
             Err(error) => tracing::debug!(%error, "a heartbeat was missed"),
         }

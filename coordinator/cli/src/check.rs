@@ -4,32 +4,19 @@ use crate::args::CheckArgs;
 use crate::job::{PreparedJob, refuse_warnings};
 use crate::say;
 use anyhow::Result;
-use photonfarm_core::scene::{Scene, SceneContents, SceneFaults};
-use photonfarm_core::settings::IntegratorSettings;
+use photonfarm_core::scene::{Scene, SceneFaults};
+use photonfarm_proto::check::CheckReport;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-/// What is said of a scene.
+/// What is said of a scene: also how a job of it would be, and what a farm would be sent.
 #[derive(Debug, Serialize)]
 struct Report {
-    /// Name of the scene file.
-    scene: String,
     #[serde(flatten)]
-    contents: SceneContents,
-    /// Pixels across and down.
-    /// Names of the lights, for layers.
-    lamps: BTreeSet<String>,
-    resolution: [u32; 2],
-    /// Lower and upper corner of all shapes [scene units].
-    bounds: [[f32; 3]; 2],
-    /// How it would be rendered.
-    integrator: IntegratorSettings,
+    scene: CheckReport,
     iterations: u32,
-    warnings: Vec<String>,
-    /// What changes nothing in the picture.
-    notes: Vec<String>,
-    /// What a farm would be sent: bytes by name.
+    /// Bytes by name.
     files: BTreeMap<String, u64>,
 }
 
@@ -79,42 +66,36 @@ impl Failure {
 
 impl Report {
     fn of(job: &PreparedJob, scene: &Scene) -> Self {
-        let (lower, upper) = scene.geometry.bounds();
         let files = job.manifest.files.iter();
         Self {
-            scene: job.spec.main.clone(),
-            contents: scene.contents.clone(),
-            lamps: scene.lamps.iter().cloned().collect(),
-            resolution: scene.film.size(),
-            bounds: [lower.to_array(), upper.to_array()],
-            integrator: job.spec.integrator.with_defaults().clone(),
+            scene: CheckReport::of(&job.spec.main, scene, job.spec.integrator.with_defaults()),
             iterations: job.spec.iterations,
-            warnings: job.warnings(scene).iter().map(ToString::to_string).collect(),
-            notes: scene.notes.iter().map(ToString::to_string).collect(),
             files: files.map(|(name, entry)| (name.clone(), entry.bytes)).collect(),
         }
     }
 
     /// The report for people; `verbose` lists the notes as well.
     fn text(&self, verbose: bool) -> String {
-        let [width, height] = self.resolution;
-        let contents = &self.contents;
-        let mut text = format!("{}: {}, {width} x {height} pixels\n", self.scene, contents.format);
+        let scene = &self.scene;
+        let [width, height] = scene.resolution;
+        let mut text = format!("{}: {}, {width} x {height} pixels\n", scene.scene, scene.format);
         let mut say = |what: &str, said: String| {
             let _ = writeln!(text, "{what:<10} {said}");
         };
-        let mesh = format!("{} triangles, {} vertices", contents.triangles, contents.vertices);
-        say("shapes", format!("{}; {mesh}", by_type(&contents.shapes)));
-        say("lights", by_type(&contents.lights));
-        say("lamps", some(&self.lamps));
-        say("materials", by_type(&contents.materials));
+        let mesh = format!("{} triangles, {} vertices", scene.triangles, scene.vertices);
+        say("shapes", format!("{}; {mesh}", by_type(&scene.shapes)));
+        say("lights", by_type(&scene.lights));
+        say("lamps", some(&scene.lamps));
+        say("materials", by_type(&scene.materials));
         say(
             "textures",
-            format!("{}; {} texels", by_type(&contents.textures), contents.texels),
+            format!("{}; {} texels", by_type(&scene.textures), scene.texels),
         );
-        let [lower, upper] = self.bounds.map(|corner| corner.map(|x| x.to_string()).join(", "));
-        say("bounds", format!("({lower}) to ({upper})"));
-        let settings = serde_json::to_string(&self.integrator).unwrap_or_default();
+        if let Some(bounds) = scene.bounds {
+            let [lower, upper] = bounds.map(|corner| corner.map(|x| x.to_string()).join(", "));
+            say("bounds", format!("({lower}) to ({upper})"));
+        }
+        let settings = serde_json::to_string(&scene.integrator).unwrap_or_default();
         say("rendering", format!("{} iterations of {settings}", self.iterations));
         let total: u64 = self.files.values().sum();
         say("files", format!("{}, {total} bytes", self.files.len()));
@@ -124,15 +105,15 @@ impl Report {
         if let more @ 1.. = self.files.len().saturating_sub(FILES_SHOWN) {
             say("", format!("and {more} more, which --json names"));
         }
-        say("warnings", self.warnings.len().to_string());
-        for warning in &self.warnings {
+        say("warnings", scene.warnings.len().to_string());
+        for warning in &scene.warnings {
             say("", warning.clone());
         }
-        match (verbose, self.notes.len()) {
+        match (verbose, scene.notes.len()) {
             (_, 0) => {}
             (true, count) => {
                 say("notes", count.to_string());
-                self.notes.iter().for_each(|note| say("", note.clone()));
+                scene.notes.iter().for_each(|note| say("", note.clone()));
             }
             (false, count) => say("notes", format!("{count}, which -v lists")),
         }

@@ -1,6 +1,7 @@
 //! The HTTP interface under `/v1`: JSON for clients, framed messages for workers, problem documents for errors; and the page at `/`.
 
 mod bundles;
+mod checks;
 mod docs;
 mod events;
 mod extract;
@@ -192,6 +193,8 @@ fn submit_routes() -> Routes {
     Routes::of(Some(&[Role::Submit]))
         .post("/v1/bundles", bundles::submit)
         .put("/v1/blobs/{hash}", bundles::upload)
+        .post("/v1/checks", checks::ask)
+        .get("/v1/checks/{id}", checks::status)
         .post("/v1/jobs", jobs::submit)
         .delete("/v1/jobs/{id}", jobs::remove)
         .post("/v1/jobs/{id}/cancel", jobs::cancel)
@@ -213,6 +216,7 @@ fn worker_routes() -> Routes {
         .post("/v1/worker/nodes/stored", worker::stored)
         .post("/v1/worker/statistics", worker::statistics)
         .post("/v1/worker/scene", worker::scene)
+        .post("/v1/worker/check", worker::check)
         .post("/v1/worker/failures", worker::fail)
         .post("/v1/worker/release", worker::release)
         .post("/v1/worker/leave", worker::leave)

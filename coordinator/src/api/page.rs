@@ -17,7 +17,7 @@ macro_rules! file {
 /// The media type of pages.
 pub(super) const HTML: &str = "text/html; charset=utf-8";
 
-const FILES: [(&str, &str, &str); 24] = [
+const FILES: [(&str, &str, &str); 25] = [
     file!("index.html", "text/html; charset=utf-8"),
     file!("main.js", "text/javascript; charset=utf-8"),
     file!("farm.js", "text/javascript; charset=utf-8"),
@@ -38,6 +38,7 @@ const FILES: [(&str, &str, &str); 24] = [
     file!("commands.js", "text/javascript; charset=utf-8"),
     file!("overview.js", "text/javascript; charset=utf-8"),
     file!("drop.js", "text/javascript; charset=utf-8"),
+    file!("check.js", "text/javascript; charset=utf-8"),
     file!("archive.js", "text/javascript; charset=utf-8"),
     file!("blake3.js", "text/javascript; charset=utf-8"),
     file!("style.css", "text/css; charset=utf-8"),

@@ -54,6 +54,8 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         super::bundles::manifest,
         super::bundles::upload,
         super::bundles::download,
+        super::checks::ask,
+        super::checks::status,
         super::jobs::submit,
         super::jobs::list,
         super::jobs::status,

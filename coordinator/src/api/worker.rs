@@ -10,6 +10,7 @@ use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
+use photonfarm_proto::check::CheckResult;
 use photonfarm_proto::codec::MESSAGE_MEDIA_TYPE;
 use photonfarm_proto::rest::Rest;
 use photonfarm_proto::worker::{
@@ -38,9 +39,7 @@ pub(super) async fn lease(
     Framed(request): Framed<LeaseRequest>,
 ) -> Result<Framed<LeaseReply>, ApiError> {
     service.check_worker(request.worker, &caller.name).await?;
-    Ok(Framed(LeaseReply {
-        assignment: service.lease(request).await?,
-    }))
+    Ok(Framed(service.lease(request).await?))
 }
 
 pub(super) async fn rest(
@@ -61,6 +60,7 @@ pub(super) async fn heartbeat(
     service.check_worker(heartbeat.worker, &caller.name).await?;
     Ok(Framed(HeartbeatReply {
         lost: service.heartbeat(&heartbeat).await?,
+        check: service.beat_check(&heartbeat).await?,
     }))
 }
 
@@ -121,6 +121,16 @@ pub(super) async fn scene(
 ) -> Result<Framed<Acknowledged>, ApiError> {
     service.check_worker(report.worker, &caller.name).await?;
     service.report_scene(report).await?;
+    Ok(Framed(Acknowledged))
+}
+
+pub(super) async fn check(
+    State(service): State<App>,
+    By(caller): By,
+    Framed(result): Framed<CheckResult>,
+) -> Result<Framed<Acknowledged>, ApiError> {
+    service.check_worker(result.worker, &caller.name).await?;
+    service.answer_check(result)?;
     Ok(Framed(Acknowledged))
 }
 

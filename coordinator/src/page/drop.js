@@ -2,6 +2,7 @@
 
 import { dropped, picked, readAll } from "./archive.js";
 import { blake3 } from "./blake3.js";
+import { checkView } from "./check.js";
 import { acting, ask, Refused } from "./farm.js";
 import { element } from "./words.js";
 
@@ -36,6 +37,19 @@ function nameOf(main, given) {
   return (["scene", "main", "index"].includes(stem) && given ? given.replace(/\.(zip|tar|tar\.gz|tgz)$/i, "").replace(/\/.*/, "") : stem).slice(0, 100);
 }
 
+/** Sends files when it is first called, and again only where that failed; each caller is told how far it is. Returns the name of the bundle. */
+function sendOnce(files) {
+  let [sending, told] = [null, () => {}];
+  return (tell) => {
+    told = tell;
+    sending ??= send(files, (text) => told(text)).catch((error) => {
+      sending = null;
+      throw error;
+    });
+    return sending;
+  };
+}
+
 /** Values of a scene's parameters: pairs with spaces between them. */
 function definesOf(text) {
   const pairs = text.split(/\s+/).filter(Boolean);
@@ -52,9 +66,16 @@ function form(act, close) {
   const integrator = element("select", { name: "integrator" }, INTEGRATORS.map(option));
   const iterations = element("input", { name: "iterations", type: "number", min: 1, step: 1, value: 64, required: true });
   const defines = element("input", { name: "defines", placeholder: "width=640 spp=16" });
-  const told = element("p", { role: "status", class: "quiet" });
-  const start = element("button", {}, "Start the job");
-  let files = new Map();
+  const told = element("p", { class: "quiet" });
+  const start = element("button", { disabled: true, "aria-describedby": "check-said" }, "Render");
+  const check = checkView((allowed) => (start.disabled = !allowed));
+  // The name of the bundle, once the files are sent.
+  let bundle = null;
+  const asked = async (tell) => {
+    const spec = { main: main.value, defines: definesOf(defines.value), integrator: { type: integrator.value } };
+    return { ...spec, scene: await bundle(tell) };
+  };
+  const checkAgain = () => check.run(asked);
   const node = element("form", {
     hidden: true,
     submit: (event) => {
@@ -62,30 +83,31 @@ function form(act, close) {
       act(async () => {
         start.disabled = true;
         try {
-          const scene = await send(files, (text) => (told.textContent = text));
-          const spec = { scene, main: main.value, name: name.value, defines: definesOf(defines.value), integrator: { type: integrator.value }, iterations: Number(iterations.value) };
-          const job = await ask("POST", "jobs", spec);
+          const spec = await asked(() => {});
+          const job = await ask("POST", "jobs", { ...spec, name: name.value, iterations: Number(iterations.value) });
           close();
           location.hash = `#/jobs/${job.id}`;
         } finally {
           start.disabled = false;
-          told.textContent = "";
         }
       });
     },
   }, element("div", { class: "actions" }, element("label", {}, "Scene", main), element("label", {}, "Name", name), element("label", {}, "Integrator", integrator),
-    element("label", {}, "Iterations", iterations), element("label", {}, "Parameters of the scene", defines), start, element("button", { type: "button", click: () => close() }, "Leave it")), told);
+    element("label", {}, "Iterations", iterations), element("label", {}, "Parameters of the scene", defines)), told, check.node,
+  element("div", { class: "actions" }, start, element("button", { type: "button", click: () => close() }, "Leave it")));
+  [main, integrator, defines].forEach((field) => field.addEventListener("change", checkAgain));
   const show = (found, given) => {
-    files = found;
-    const scenes = [...files.keys()].filter((file) => SCENES.test(file)).sort((a, b) => a.split("/").length - b.split("/").length || a.length - b.length);
+    const scenes = [...found.keys()].filter((file) => SCENES.test(file)).sort((a, b) => a.split("/").length - b.split("/").length || a.length - b.length);
     if (scenes.length === 0) throw new Error("there is no scene among these files (.xml, .pbrt, .gltf, .glb)");
     main.replaceChildren(...scenes.map(option));
     name.value = nameOf(scenes[0], given);
-    told.textContent = `${files.size} ${files.size === 1 ? "file" : "files"}, ${[...files.values()].reduce((sum, bytes) => sum + bytes.length, 0).toLocaleString()} bytes. A worker looks for mistakes in the scene once the job begins.`;
+    told.textContent = `${found.size} ${found.size === 1 ? "file" : "files"}, ${[...found.values()].reduce((sum, bytes) => sum + bytes.length, 0).toLocaleString()} bytes.`;
+    bundle = sendOnce(found);
     node.hidden = false;
     main.focus();
+    checkAgain();
   };
-  return { node, show };
+  return { node, show, stop: check.stop };
 }
 
 export function dropView(tell) {
@@ -95,6 +117,7 @@ export function dropView(tell) {
   const [choose, folder] = [["Choose files", inputs[0]], ["Choose a folder", inputs[1]]].map(([text, input]) => element("button", { type: "button", click: () => input.click() }, text));
   const hint = element("div", { class: "actions" }, element("p", {}, "Drop a scene here: a file, a folder, or an archive (zip, tar)."), choose, folder, inputs);
   const asked = form(act, () => {
+    asked.stop();
     asked.node.hidden = true;
     hint.hidden = false;
     inputs.forEach((input) => (input.value = ""));
@@ -112,5 +135,9 @@ export function dropView(tell) {
     if (event.type === "drop") take(dropped(event.dataTransfer));
   };
   ["dragover", "dragleave", "drop"].forEach((kind) => document.addEventListener(kind, over));
-  return { node, stop: () => ["dragover", "dragleave", "drop"].forEach((kind) => document.removeEventListener(kind, over)) };
+  const stop = () => {
+    asked.stop();
+    ["dragover", "dragleave", "drop"].forEach((kind) => document.removeEventListener(kind, over));
+  };
+  return { node, stop };
 }

@@ -12,6 +12,7 @@ mod alive;
 mod block;
 mod chain;
 mod change;
+mod check;
 mod config;
 mod deliver;
 mod demand;

@@ -153,7 +153,7 @@ impl Service {
         Ok(())
     }
 
-    async fn check_job(&self, spec: &JobSpec) -> Result<(), ServiceError> {
+    pub(super) async fn check_job(&self, spec: &JobSpec) -> Result<(), ServiceError> {
         // It stays for a while from now on, until the job that names it is there.
         let Some(manifest) = self.stores.state.name_bundle(spec.scene, self.clock.now()).await? else {
             let detail = format!("scene: there is no bundle {}", spec.scene);

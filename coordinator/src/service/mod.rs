@@ -2,6 +2,7 @@
 
 mod arrival;
 mod at_hand;
+mod checks;
 mod clock;
 mod counts;
 #[cfg(test)]
@@ -97,6 +98,7 @@ pub struct Service {
     submitting: Mutex<()>,
     folding: Mutex<()>,
     at_hand: at_hand::AtHand,
+    checks: checks::Checks,
     uploads: Semaphore,
     pictures: Semaphore,
     views: views::Views,
@@ -173,6 +175,7 @@ impl Service {
             submitting: Mutex::default(),
             folding: Mutex::default(),
             at_hand: at_hand::AtHand::default(),
+            checks: checks::Checks::default(),
             uploads: Semaphore::new(UPLOADS),
             pictures: Semaphore::new(PICTURES),
             views: views::Views::default(),
@@ -244,6 +247,7 @@ impl Service {
         self.watch_clock().await?;
         let now = self.clock.now();
         self.fresh_farm().await?.farm.pass_time(now);
+        self.checks.pass_time(now);
         if self.take_lead().await? {
             self.transact(|farm, now| Ok(farm.expire(now))).await?;
             self.fold_all().await;
@@ -468,10 +472,14 @@ impl Service {
 }
 
 fn secret() -> Result<NonceKey, Problem> {
+    Ok(NonceKey(random_bits()?))
+}
+
+fn random_bits() -> Result<[u8; 32], Problem> {
     let mut bits = [0; 32];
     getrandom::fill(&mut bits).map_err(|error| {
         tracing::error!(%error, "the system gives no random numbers");
         Problem::new(ErrorCode::Internal, "the system gives no random numbers")
     })?;
-    Ok(NonceKey(bits))
+    Ok(bits)
 }

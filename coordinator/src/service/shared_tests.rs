@@ -85,10 +85,11 @@ async fn what_one_grants_the_other_knows() {
     assert!(a.leads() && !b.leads());
     let worker = register(&a).await;
     let job = submit(&b, 4).await;
-    let first = b.lease(ask(worker, &[], 0)).await.unwrap().unwrap().lease;
+    let first = b.lease(ask(worker, &[], 0)).await.unwrap().assignment.unwrap().lease;
     let beat = |token| Heartbeat {
         worker,
         leases: vec![LeaseProgress { token, leaves_done: 0 }],
+        checking: Default::default(),
     };
     assert_eq!(
         a.heartbeat(&beat(first.token)).await.unwrap(),
@@ -96,7 +97,7 @@ async fn what_one_grants_the_other_knows() {
         "a lease of the other is no lost one"
     );
     let other = register(&b).await;
-    let second = a.lease(ask(other, &[], 0)).await.unwrap().unwrap().lease;
+    let second = a.lease(ask(other, &[], 0)).await.unwrap().assignment.unwrap().lease;
     assert!(
         second.token > first.token && second.node != first.node,
         "no leaf is lent twice"
@@ -133,8 +134,8 @@ async fn a_worker_that_waits_at_one_gets_the_job_that_the_other_takes() {
         async move { b.lease(ask(worker, &[], 30_000)).await }
     });
     submit(&a, 4).await;
-    let assignment = waiting.await.unwrap().unwrap();
-    assert!(assignment.is_some(), "the wait ends with work");
+    let work = waiting.await.unwrap().unwrap();
+    assert!(work.assignment.is_some(), "the wait ends with work");
     b.stop();
     running.await.unwrap();
 }
@@ -157,7 +158,7 @@ async fn signs_of_life_at_one_keep_a_lease_at_the_other_which_leads_next() {
     let (a, b) = (open(&url, folder.path()).await, open(&url, folder.path()).await);
     let worker = register(&a).await;
     let job = submit(&a, 4).await;
-    let lease = a.lease(ask(worker, &[], 0)).await.unwrap().unwrap().lease;
+    let lease = a.lease(ask(worker, &[], 0)).await.unwrap().assignment.unwrap().lease;
     let progress = [LeaseProgress {
         token: lease.token,
         leaves_done: 1,
@@ -166,7 +167,14 @@ async fn signs_of_life_at_one_keep_a_lease_at_the_other_which_leads_next() {
     b.catch_up(&mut *b.farm.lock().await).await.unwrap();
     let before = b.farm.lock().await.farm.job(job).unwrap().leases_held()[0].expires_ms;
     tokio::time::sleep(Duration::from_millis(20)).await;
-    a.heartbeat(&Heartbeat { worker, leases }).await.unwrap();
+    let checking = Default::default();
+    a.heartbeat(&Heartbeat {
+        worker,
+        leases,
+        checking,
+    })
+    .await
+    .unwrap();
     a.exchange_beats().await.unwrap();
     b.exchange_beats().await.unwrap();
     let held = b.farm.lock().await.farm.job(job).unwrap().leases_held();

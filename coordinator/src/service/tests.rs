@@ -141,11 +141,12 @@ impl World {
             held: vec![],
             wait_ms: 0,
         };
-        let mut granted = self.service.lease(request.clone()).await.unwrap();
+        let mut granted = self.service.lease(request.clone()).await.unwrap().assignment;
         if granted.is_none() {
             // An iteration that failed is lent again after a while.
             let wait_ms = 30_000;
-            granted = self.service.lease(LeaseRequest { wait_ms, ..request }).await.unwrap();
+            let again = self.service.lease(LeaseRequest { wait_ms, ..request }).await;
+            granted = again.unwrap().assignment;
         }
         granted.unwrap().lease
     }
@@ -311,6 +312,7 @@ async fn a_message_names_a_bounded_number_of_leases() {
     let mut beat = Heartbeat {
         worker: world.worker,
         leases: vec![progress; MOST_LEASES + 1],
+        checking: Default::default(),
     };
     let refused = world.service.heartbeat(&beat).await.unwrap_err().into_problem();
     assert_eq!(refused.code, ErrorCode::Limit);
@@ -330,7 +332,7 @@ async fn a_poll_that_a_later_one_has_overtaken_ends_with_nothing_and_takes_nothi
         wait_ms: 0,
     };
     let lease = world.lease().await;
-    assert_eq!(world.service.lease(request).await.unwrap(), None);
+    assert_eq!(world.service.lease(request).await.unwrap().assignment, None);
     assert_eq!(
         world.upload(&lease).await.unwrap(),
         Delivered::Counted,

@@ -12,7 +12,8 @@ use photonfarm_proto::rest::{Rest, Resting};
 use photonfarm_proto::schedule::{Schedule, check_tags};
 use photonfarm_proto::version_of;
 use photonfarm_proto::worker::{
-    Assignment, FailureReport, Heartbeat, Lease, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release, SceneReport,
+    Assignment, FailureReport, Heartbeat, Lease, LeaseReply, LeaseRequest, MOST_LEASES, NodeUpload, Register, Release,
+    SceneReport,
 };
 use std::pin::pin;
 use std::sync::Arc;
@@ -56,8 +57,8 @@ impl Service {
         (self.farm.lock().await.farm.config().lease_ttl_ms / 5).max(20)
     }
 
-    /// A worker asks for work and waits for it.
-    pub async fn lease(self: &Arc<Self>, request: LeaseRequest) -> Result<Option<Assignment>, ServiceError> {
+    /// A worker asks for work and waits for it. Checks come first: people wait for them.
+    pub async fn lease(self: &Arc<Self>, request: LeaseRequest) -> Result<LeaseReply, ServiceError> {
         let deadline = Instant::now() + Duration::from_millis(request.wait_ms).min(LONGEST_POLL);
         let mut stopping = self.stopping();
         let mut was_woken = false;
@@ -72,6 +73,14 @@ impl Service {
         loop {
             let mut woken = pin!(room.notified());
             woken.as_mut().enable();
+            if let Some(check) = self.grant_check(asked.worker, asked.serial).await? {
+                // There may be more.
+                room.notify_one();
+                return Ok(LeaseReply {
+                    assignment: None,
+                    check: Some(check),
+                });
+            }
             let wanted = asked.clone();
             let decide = move |farm: &Farm, now| {
                 let decision = farm.lease(&wanted, now)?;
@@ -91,7 +100,10 @@ impl Service {
                 Next::Assign(lease) => {
                     // There may be more.
                     room.notify_one();
-                    return self.assignment(&lease).await;
+                    return Ok(LeaseReply {
+                        assignment: self.assignment(&lease).await?,
+                        check: None,
+                    });
                 }
                 Next::AskAgain => continue,
                 Next::Wait { others_may } => {
@@ -102,7 +114,10 @@ impl Service {
             }
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() || *stopping.borrow() {
-                return Ok(None);
+                return Ok(LeaseReply {
+                    assignment: None,
+                    check: None,
+                });
             }
             tokio::select! {
                 () = woken => was_woken = true,
@@ -283,6 +298,7 @@ impl Service {
 
     /// A worker ends.
     pub async fn leave(self: &Arc<Self>, worker: WorkerId) -> Result<(), ServiceError> {
+        self.checks.leave(worker, self.clock.now());
         self.transact(move |farm, _| Ok(farm.leave(worker))).await
     }
 

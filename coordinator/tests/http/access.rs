@@ -4,8 +4,9 @@ use crate::support::{Farm, SCENE, expect_problem};
 use photonfarm_coordinator::access::Tokens;
 use photonfarm_coordinator::{Config, Coordinator, StartError, open_stores};
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::check::{CheckAnswer, CheckResult, CheckToken, Checking};
 use photonfarm_proto::codec::{MESSAGE_MEDIA_TYPE, Message, decode, encode};
-use photonfarm_proto::id::BlobHash;
+use photonfarm_proto::id::{BlobHash, CheckId};
 use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::rest::{Rest, RestReason};
@@ -45,6 +46,10 @@ impl Closed {
         Self { farm, admin }
     }
 
+    pub(crate) fn admin(&self) -> &str {
+        &self.admin
+    }
+
     pub(crate) async fn token(&self, request: &TokenRequest) -> String {
         let reply = self.by(&self.admin, Method::POST, "tokens").json(request);
         let reply = reply.send().await.unwrap();
@@ -81,7 +86,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 50] = [
+const ROUTES: [(&str, &str, &[Role]); 53] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
@@ -112,6 +117,8 @@ const ROUTES: [(&str, &str, &[Role]); 50] = [
     ("POST", "/v1/jobs/{id}/extend", SENDS),
     ("POST", "/v1/jobs/{id}/retry", SENDS),
     ("PUT", "/v1/jobs/{id}/priority", SENDS),
+    ("POST", "/v1/checks", SENDS),
+    ("GET", "/v1/checks/{id}", SENDS),
     ("POST", "/v1/worker/register", WORKS),
     ("POST", "/v1/worker/lease", WORKS),
     ("POST", "/v1/worker/rest", WORKS),
@@ -121,6 +128,7 @@ const ROUTES: [(&str, &str, &[Role]); 50] = [
     ("POST", "/v1/worker/nodes/stored", WORKS),
     ("POST", "/v1/worker/statistics", WORKS),
     ("POST", "/v1/worker/scene", WORKS),
+    ("POST", "/v1/worker/check", WORKS),
     ("POST", "/v1/worker/failures", WORKS),
     ("POST", "/v1/worker/release", WORKS),
     ("POST", "/v1/worker/leave", WORKS),
@@ -279,6 +287,19 @@ async fn nobody_speaks_for_a_worker_of_another_token() {
         message: "no".into(),
         shortage: None,
     };
+    let beat = |leases| Heartbeat {
+        worker,
+        leases,
+        checking: Checking::Not,
+    };
+    let result = CheckResult {
+        token: CheckToken {
+            id: CheckId(1),
+            nonce: 1,
+        },
+        worker,
+        answer: CheckAnswer::Elsewhere("no".into()),
+    };
     let leases = vec![LeaseProgress { token, leaves_done: 1 }];
     let rest = Rest {
         worker,
@@ -291,8 +312,9 @@ async fn nobody_speaks_for_a_worker_of_another_token() {
     let raw = raw.header("content-type", MESSAGE_MEDIA_TYPE);
     let replies = [
         tell(&closed, &other, "lease", &ask).await,
-        tell(&closed, &other, "heartbeat", &Heartbeat { worker, leases }).await,
+        tell(&closed, &other, "heartbeat", &beat(leases)).await,
         tell(&closed, &other, "rest", &rest).await,
+        tell(&closed, &other, "check", &result).await,
         tell(&closed, &other, "nodes/place", &upload).await,
         tell(&closed, &other, "nodes/stored", &upload).await,
         tell(&closed, &other, "statistics", &StatisticsRequest { token, worker, job }).await,
@@ -305,10 +327,7 @@ async fn nobody_speaks_for_a_worker_of_another_token() {
         let problem = expect_problem(reply, ErrorCode::Forbidden).await;
         assert!(problem.detail.contains("another token"), "{problem}");
     }
-    let beat = Heartbeat {
-        worker,
-        leases: vec![LeaseProgress { token, leaves_done: 1 }],
-    };
+    let beat = beat(vec![LeaseProgress { token, leaves_done: 1 }]);
     let reply = tell(&closed, &mine, "heartbeat", &beat).await.bytes().await.unwrap();
     assert_eq!(decode::<HeartbeatReply>(&reply).unwrap().lost, [], "nothing came of it");
 }

@@ -2,6 +2,7 @@
 
 mod access;
 mod audit;
+mod checks;
 mod clients;
 mod connections;
 mod listing;

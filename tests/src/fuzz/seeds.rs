@@ -5,8 +5,11 @@ use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage};
 use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::check::{
+    CheckAnswer, CheckAssignment, CheckError, CheckFailure, CheckResult, CheckToken, Checking,
+};
 use photonfarm_proto::codec::{Message, encode};
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{BlobHash, CheckId, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{BandwidthRange, FailureKind, JobSpec, Totals};
 use photonfarm_proto::memory::Shortage;
 use photonfarm_proto::node::{NodeKey, encode_node};
@@ -26,6 +29,11 @@ fn job_json() -> serde_json::Value {
     })
 }
 
+fn check_json() -> serde_json::Value {
+    json!({"scene": BlobHash::of(b"scene"), "main": "scene.xml", "sensor": "left", "layers": ["albedo"],
+        "integrator": {"type": "pppm", "photons": 1000}})
+}
+
 fn message<M: Message>(message: &M) -> Vec<u8> {
     encode(message).expect("a message can be written")
 }
@@ -33,6 +41,11 @@ fn message<M: Message>(message: &M) -> Vec<u8> {
 pub(super) fn messages() -> Vec<Vec<u8>> {
     let (token, worker, job) = (LeaseToken { number: 9, nonce: 8 }, WorkerId(4), JobId(3));
     let node = NodeKey { level: 2, index: 1 };
+    let check = CheckToken {
+        id: CheckId(5),
+        nonce: 6,
+    };
+    let error = CheckError::of_request(Some("layers"), "there is no lamp `a`");
     let spec: JobSpec = serde_json::from_value(job_json()).expect("a valid job");
     let lease = Lease {
         token,
@@ -59,10 +72,15 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
         }),
         message(&LeaseReply {
             assignment: Some(Assignment { lease, spec }),
+            check: Some(CheckAssignment {
+                token: check,
+                spec: serde_json::from_value(check_json()).expect("a check"),
+            }),
         }),
         message(&Heartbeat {
             worker,
             leases: vec![LeaseProgress { token, leaves_done: 3 }; 2],
+            checking: Checking::At(check),
         }),
         message(&NodeUpload {
             token,
@@ -97,6 +115,11 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
             reason: RestReason::Hours,
             until_ms: Some(1_764_529_200_000),
         }),
+        message(&CheckResult {
+            token: check,
+            worker,
+            answer: CheckAnswer::Failure(CheckFailure::one(error)),
+        }),
     ]
 }
 
@@ -112,7 +135,7 @@ pub(super) fn requests() -> Vec<Vec<u8>> {
     let other = json!({"scene": BlobHash::of(b""), "main": "m", "iterations": 1, "integrator": {"type": "path"}});
     let token = json!({"name": "ann", "role": "submit", "expires_in_s": 60, "quota": {"jobs": 3}});
     let manifest = serde_json::to_value(manifest).expect("a manifest can be written");
-    let bodies = [job_json(), other, manifest, token];
+    let bodies = [job_json(), check_json(), other, manifest, token];
     bodies.iter().map(|body| body.to_string().into_bytes()).collect()
 }
 
@@ -127,6 +150,7 @@ pub(super) fn replies() -> Vec<Vec<u8>> {
             "quota": {}, "usage": {"jobs": 0, "bundle_bytes": 0, "iterations": 0}}}),
         json!({"jobs": [], "next": "7"}),
         json!({"workers": []}),
+        json!({"id": 5, "state": "waiting", "waiting": "no worker is connected", "waiting_reason": "no-worker"}),
     ];
     bodies.iter().map(|body| body.to_string().into_bytes()).collect()
 }

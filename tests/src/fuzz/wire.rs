@@ -2,6 +2,7 @@
 
 use photonfarm_proto::api::{BundleReply, Extend, Health, JobPage, Quarantine, SetPriority, WorkerList};
 use photonfarm_proto::bundle::BundleManifest;
+use photonfarm_proto::check::{CheckResult, CheckSpec, CheckStatus};
 use photonfarm_proto::codec::{self, Message};
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::limits::Limits;
@@ -42,6 +43,7 @@ pub(super) fn message(bytes: &[u8]) {
     survives::<StatisticsRequest>(bytes);
     survives::<SceneReport>(bytes);
     survives::<Rest>(bytes);
+    survives::<CheckResult>(bytes);
     let values = bytes.len().saturating_sub(32) / 4;
     if let Some(statistics) = read_statistics(bytes, values) {
         assert_eq!(statistics_body(&statistics), bytes);
@@ -89,6 +91,9 @@ pub(super) fn request(bytes: &[u8]) {
         let _ = spec.check(&limits, &manifest);
         let _ = spec.integrator.with_defaults().validate();
     }
+    if let Some(check) = json::<CheckSpec>(bytes) {
+        let _ = check.job().check(&limits, &manifest);
+    }
     json::<Extend>(bytes);
     json::<Quarantine>(bytes);
     json::<SetPriority>(bytes);
@@ -104,6 +109,7 @@ pub(super) fn reply(bytes: &[u8]) {
     json::<JobPage>(bytes);
     json::<JobStatus>(bytes);
     json::<WorkerList>(bytes);
+    json::<CheckStatus>(bytes);
     json::<Problem>(bytes);
     json::<NewToken>(bytes);
     json::<TokenList>(bytes);

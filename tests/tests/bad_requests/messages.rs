@@ -3,8 +3,9 @@
 use super::{JSON, Target};
 use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::check::{CheckAnswer, CheckResult, CheckToken, Checking};
 use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE};
-use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
+use photonfarm_proto::id::{BlobHash, CheckId, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobStatus, Totals};
 use photonfarm_proto::node::{NodeHeader, NodeKey, encode_node};
 use photonfarm_proto::problem::ErrorCode;
@@ -27,6 +28,14 @@ fn messages() -> Vec<(&'static str, Vec<u8>)> {
         message: "m".into(),
         shortage: None,
     };
+    let result = CheckResult {
+        token: CheckToken {
+            id: CheckId(1),
+            nonce: 1,
+        },
+        worker,
+        answer: CheckAnswer::Elsewhere("e".into()),
+    };
     let register = Register {
         name: "a".into(),
         threads: 1,
@@ -48,7 +57,12 @@ fn messages() -> Vec<(&'static str, Vec<u8>)> {
         ),
         (
             "/v1/worker/heartbeat",
-            codec::encode(&Heartbeat { worker, leases }).unwrap(),
+            codec::encode(&Heartbeat {
+                worker,
+                leases,
+                checking: Checking::Ready,
+            })
+            .unwrap(),
         ),
         (
             "/v1/worker/nodes",
@@ -58,6 +72,7 @@ fn messages() -> Vec<(&'static str, Vec<u8>)> {
             "/v1/worker/statistics",
             codec::encode(&StatisticsRequest { token, worker, job }).unwrap(),
         ),
+        ("/v1/worker/check", codec::encode(&result).unwrap()),
         ("/v1/worker/failures", codec::encode(&report).unwrap()),
         (
             "/v1/worker/release",
@@ -132,7 +147,7 @@ fn uploads_that_must_not_count() {
         wait_ms: 0,
         held: Vec::new(),
     };
-    let LeaseReply { assignment } = target.ask("/v1/worker/lease", &request);
+    let LeaseReply { assignment, .. } = target.ask("/v1/worker/lease", &request);
     let lease = assignment.unwrap().lease;
     let good = image(0.5);
     let digest = BlobHash::of(&encode_node(job, &good));
@@ -249,7 +264,7 @@ fn uploads_that_must_not_count() {
     let problem = target.refused_message("/v1/worker/nodes", &body(&conflict, &planes(job, &other)));
     assert_eq!(problem.code, ErrorCode::ResultConflict);
 
-    let LeaseReply { assignment } = target.ask("/v1/worker/lease", &request);
+    let LeaseReply { assignment, .. } = target.ask("/v1/worker/lease", &request);
     let lease = assignment.unwrap().lease;
     let mut bad_pixel = Node::leaf(lease.node.index, 2, 2, &[Spectrum::splat(0.5); 4]).unwrap();
     bad_pixel.pixels[4] = f32::NAN;

@@ -2,6 +2,7 @@
 
 use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
+use photonfarm_proto::check::Checking;
 use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{JobState, JobStatus, Totals};
@@ -69,7 +70,7 @@ impl Attacker {
             wait_ms: 0,
             held: held.into(),
         };
-        let LeaseReply { assignment } = ask(&self.client, "worker/lease", &request).unwrap();
+        let LeaseReply { assignment, .. } = ask(&self.client, "worker/lease", &request).unwrap();
         Some(assignment?.lease)
     }
 
@@ -346,6 +347,7 @@ fn a_worker_that_keeps_what_it_was_lent_holds_nobody_up() {
                 let heartbeat = Heartbeat {
                     worker: sloth.worker,
                     leases: leases.collect(),
+                    checking: Checking::Not,
                 };
                 let _reply: HeartbeatReply = ask(&client, "worker/heartbeat", &heartbeat).unwrap();
                 std::thread::sleep(Duration::from_millis(200));

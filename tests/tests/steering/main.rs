@@ -1,6 +1,7 @@
 //! Jobs that are paused, extended and stopped, and a worker that lies, on a farm of real processes: the pictures are
 //! those of one process that renders as many iterations.
 
+mod checks;
 mod commands;
 mod pictures;
 

@@ -2,6 +2,7 @@
 //! single process, and nothing is lost, counted twice or passed over in silence.
 
 mod chains;
+mod checks;
 mod means;
 mod support;
 

@@ -1,5 +1,6 @@
 //! A farm in one process, with a renderer whose pixels are known and which can be held, broken and watched.
 
+use crate::checks::CheckStage;
 use futures_util::StreamExt;
 use photonfarm_coordinator::store::ObjectBlobs;
 use photonfarm_coordinator::{Config, Coordinator, open_stores};
@@ -12,6 +13,7 @@ use photonfarm_core::spectrum::Spectrum;
 use photonfarm_core::tree::Average;
 use photonfarm_proto::api::BundleReply;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::check::CheckAnswer;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::{BandwidthRange, JobSpec, JobState, JobStatus};
 use photonfarm_proto::schedule::Schedule;
@@ -48,6 +50,7 @@ pub(crate) struct Stage {
     /// Every iteration that was begun, in order.
     pub(crate) begun: watch::Sender<Vec<u32>>,
     pub(crate) completed: Mutex<Vec<u32>>,
+    pub(crate) checks: CheckStage,
 }
 
 impl Stage {
@@ -125,6 +128,10 @@ impl Renderer for Double {
             Some(reason) => Err(format!("{main}:1: {}", String::from_utf8_lossy(reason))),
             None => Ok(Arc::new(DoubleScene(self.0.clone()))),
         }
+    }
+
+    fn check(&self, files: &BundleFiles, spec: &JobSpec) -> CheckAnswer {
+        self.0.checks.answer(self, files, spec)
     }
 }
 
@@ -364,13 +371,8 @@ impl Farm {
             .await
     }
 
-    async fn submit_with(
-        &self,
-        integrator: IntegratorSettings,
-        scene: &[u8],
-        iterations: u32,
-        schedule: Schedule,
-    ) -> JobId {
+    /// Sends a scene of one file; returns its bundle.
+    pub(crate) async fn send(&self, scene: &[u8]) -> BlobHash {
         let files = [("scene.xml".to_owned(), FileEntry::of(scene))].into();
         let bundle = self
             .http
@@ -391,8 +393,18 @@ impl Farm {
                 .unwrap();
             assert_eq!(put.status(), 201);
         }
+        bundle
+    }
+
+    async fn submit_with(
+        &self,
+        integrator: IntegratorSettings,
+        scene: &[u8],
+        iterations: u32,
+        schedule: Schedule,
+    ) -> JobId {
         let spec = JobSpec {
-            scene: bundle,
+            scene: self.send(scene).await,
             main: "scene.xml".into(),
             defines: BTreeMap::new(),
             sensor: None,

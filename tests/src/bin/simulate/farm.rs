@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use axum::body::Bytes;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
+use photonfarm_proto::check::Checking;
 use photonfarm_proto::codec::{self, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobStatus, Totals};
@@ -122,6 +123,7 @@ impl Farm {
         let heartbeat = Heartbeat {
             worker: lease.worker,
             leases: vec![progress],
+            checking: Checking::Not,
         };
         let reply: HeartbeatReply = self.call("heartbeat", &heartbeat).await?;
         Ok(reply.lost.is_empty())
