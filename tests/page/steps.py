@@ -26,6 +26,7 @@ DROP = """([name, data]) => {
 }"""
 # The job that most steps look at.
 JOB = 2
+SMALL_PICTURES = "[...document.querySelectorAll('.job img')].every((image) => image.naturalWidth > 0)"
 NO_SCROLLING = "document.documentElement.scrollWidth <= document.documentElement.clientWidth"
 
 
@@ -399,6 +400,7 @@ def cancel(visit, _):
     page = visit.page
     visit.go("#/")
     page.wait_for_selector(".job a")
+    wait_for("small pictures", lambda: page.evaluate(SMALL_PICTURES))
     visit.picture("jobs")
     visit.go(f"#/jobs/{JOB}")
     button(page, "Cancel").click()

@@ -103,13 +103,15 @@ impl Service {
         let figures = self.figures().await?;
         let workers = self.workers().await?;
         let (stores, job_bytes) = self.room();
+        let speeds = workers.iter().filter_map(|worker| worker.iterations_per_second);
         Ok(FarmFigures {
             jobs_queued: figures.queued,
             jobs_running: figures.jobs - figures.queued,
             workers: workers.len() as u64,
             workers_at_work: workers.iter().filter(|worker| worker.leases > 0).count() as u64,
             pending_iterations: figures.pending_iterations,
-            iterations_per_second: workers.iter().filter_map(|worker| worker.iterations_per_second).sum(),
+            // The sum of nothing is to be 0, not the -0 that the library has for it.
+            iterations_per_second: speeds.fold(0.0, |sum, speed| sum + speed),
             job_bytes,
             stores,
         })
