@@ -101,6 +101,7 @@ function form(act, close) {
     if (scenes.length === 0) throw new Error("there is no scene among these files (.xml, .pbrt, .gltf, .glb)");
     main.replaceChildren(...scenes.map(option));
     name.value = nameOf(scenes[0], given);
+    defines.value = "";
     told.textContent = `${found.size} ${found.size === 1 ? "file" : "files"}, ${[...found.values()].reduce((sum, bytes) => sum + bytes.length, 0).toLocaleString()} bytes.`;
     bundle = sendOnce(found);
     node.hidden = false;
