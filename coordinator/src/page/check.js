@@ -36,7 +36,7 @@ function wordsOf(error) {
 }
 
 function listed(title, texts) {
-  return texts.length === 0 ? [] : [element("h3", {}, title), element("ul", {}, texts.map((text) => element("li", {}, text)))];
+  return texts.length === 0 ? [] : [element("h2", {}, title), element("ul", {}, texts.map((text) => element("li", {}, text)))];
 }
 
 function counted(count, what) {
