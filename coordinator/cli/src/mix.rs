@@ -292,7 +292,15 @@ mod tests {
             };
             channel_names(name).unwrap().map(channel)
         });
-        picture::encode_exr(&image, channels.collect(), &metadata).unwrap()
+        picture::encode_exr(
+            &image,
+            photonfarm_core::picture::Beside {
+                channels: channels.collect(),
+                ..Default::default()
+            },
+            &metadata,
+        )
+        .unwrap()
     }
 
     fn mixed(file: &[u8], lamps: &[&str]) -> Result<Vec<[f32; 3]>> {

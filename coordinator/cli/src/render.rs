@@ -258,12 +258,7 @@ async fn begin(client: &Client, job: &PreparedJob, farm: &Path, earlier: Earlier
 
 /// What there is of the picture. One worker delivers iterations in their order, so that they are the first ones.
 async fn interrupted(client: &Client) -> Result<Option<Rendered>> {
-    match client
-        .jobs(1, &[])
-        .await?
-        .pop()
-        .filter(|job| job.iterations_done > 0)
-    {
+    match client.jobs(1, &[]).await?.pop().filter(|job| job.iterations_done > 0) {
         Some(status) => fetch(client, status).await.map(Some),
         None => Ok(None),
     }
