@@ -10,7 +10,7 @@ use super::table::Table;
 use super::{Decision, Farm, Refusal};
 use photonfarm_proto::id::{JobId, LeaseToken};
 use photonfarm_proto::job::{Attempt, FailureKind};
-use photonfarm_proto::memory::{MOST_MEMORY_MB, Shortage, step_up};
+use photonfarm_proto::memory::{MOST_MEMORY_MB, Shortage, step_down, step_up};
 use photonfarm_proto::node::NodeKey;
 
 /// Workers that ran out of memory at a job before it is given to larger ones only: another program may have taken the
@@ -113,7 +113,10 @@ impl Farm {
             memory_mb: shortage.has_mb.map(|memory| memory.min(MOST_MEMORY_MB)),
             ..self.failed_attempt(live, leaf, attempt)
         };
-        let mut changes: Vec<Change> = live.measured(shortage.held_mb).into_iter().collect();
+        // What it held alone does not keep the next try from a worker like it: pages of files count, which need not be held.
+        let most = shortage.has_mb.map_or(MOST_MEMORY_MB, step_down);
+        let held = shortage.held_mb.map(|held| held.min(most));
+        let mut changes: Vec<Change> = live.measured(held).into_iter().collect();
         changes.push(Change::LeafFailed { job, leaf, attempt });
         changes.extend(ended);
         Ok(Decision::new((), changes))

@@ -7,10 +7,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 
 /// Memory of the small worker [MiB]: enough to begin with, and less than the job takes.
-const SMALL_MB: u32 = 96;
-
-/// What makes the job take a few hundred megabytes.
-const PHOTONS: &str = "photons=4000000";
+const SMALL_MB: u32 = 48;
 
 /// A control group with a limit of memory. Its processes have to end before it does.
 struct Group(PathBuf);
@@ -90,11 +87,12 @@ fn a_job_that_takes_too_much_memory_is_left_to_a_larger_worker_and_says_so() {
         "--iterations",
         "1",
         "--integrator",
-        "pppm",
+        "path",
         "--set",
-        PHOTONS,
+        "samples=1",
         "-D",
-        "res=16",
+        // Its pixels take more than a hundred megabytes.
+        "res=2048",
     ]));
     let group = Group::new(SMALL_MB);
     for round in 0..3 {
