@@ -163,7 +163,7 @@ async fn image(
             (header::ACCEPT_RANGES, HeaderValue::from_static("bytes")),
             (header::CONTENT_TYPE, HeaderValue::from_static(media_type)),
         ];
-        Ok(((status, [tag], rules, part).into_response(), body))
+        Ok(((status, [tag], part, rules).into_response(), body))
     };
     spool.answer(make).await
 }
