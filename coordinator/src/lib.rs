@@ -17,6 +17,7 @@ use access::{Gate, Tokens};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_proto::limits::Limits;
+use photonfarm_proto::trace::Tracer;
 use scheduler::SchedulerConfig;
 use server::{Certificates, Server};
 use service::{Keep, Service, ServiceError, Stores};
@@ -55,6 +56,8 @@ pub struct Config {
     pub timeouts: Timeouts,
     /// How long jobs that have ended are kept.
     pub keep: Keep,
+    /// Where spans of what happens to jobs go, if anywhere.
+    pub tracer: Tracer,
 }
 
 impl Config {
@@ -73,6 +76,7 @@ impl Config {
             connections_per_address: 1024,
             timeouts: Timeouts::default(),
             keep: Keep::default(),
+            tracer: Tracer::default(),
         }
     }
 }
@@ -144,7 +148,7 @@ impl Coordinator {
             tracing::warn!(%address, "connections are not encrypted: tokens can be read on the way");
         }
         let step = Duration::from_millis((config.scheduler.lease_ttl_ms / 10).clamp(10, 1000));
-        let service = Service::open(config.limits, config.scheduler, stores).await?;
+        let service = Service::open_traced(config.limits, config.scheduler, stores, config.tracer).await?;
         let server = Server {
             router: api::router(service.clone(), Arc::new(gate)),
             tls: certificates.clone(),

@@ -17,6 +17,7 @@ pub mod problem;
 pub mod schedule;
 pub mod time;
 pub mod token;
+pub mod trace;
 pub mod waiting;
 pub mod worker;
 

@@ -214,6 +214,14 @@ pub(crate) struct ServeArgs {
     /// [default: keep them]
     #[arg(long, value_name = "GB", value_parser = positive, env = "PHOTONFARM_KEEP_GIGABYTES")]
     pub(crate) keep_gigabytes: Option<f64>,
+    /// Send spans of the work on each job to this collector of OpenTelemetry, by OTLP over HTTP, such as http://127.0.0.1:4318
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "OTEL_EXPORTER_OTLP_ENDPOINT",
+        hide_env_values = true
+    )]
+    pub(crate) otlp: Option<String>,
     /// Format of the log; RUST_LOG chooses what it tells
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     pub(crate) log_format: LogFormat,

@@ -6,6 +6,7 @@ use anyhow::{Context, Result, anyhow};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::service::Keep;
 use photonfarm_coordinator::{Config, Coordinator, TlsFiles};
+use photonfarm_worker::Exporter;
 use std::io::ErrorKind;
 use tokio::net::TcpListener;
 
@@ -29,6 +30,9 @@ async fn serve(args: ServeArgs) -> Result<()> {
             ),
         })?;
     let stop = stop_signal()?;
+    let otlp = args.otlp.filter(|url| !url.is_empty());
+    let exporter = otlp.map(|url| Exporter::start(&url, "photonfarm-coordinator", &args.listen));
+    let exporter = exporter.transpose()?;
     let mut config = Config {
         tls: args
             .tls_cert
@@ -46,6 +50,7 @@ async fn serve(args: ServeArgs) -> Result<()> {
             longest_ms: args.keep_days.map(|days| (days * 86_400_000.0) as u64),
             most_bytes: args.keep_gigabytes.map(|count| (count * 1e9) as u64),
         },
+        tracer: exporter.as_ref().map(Exporter::tracer).unwrap_or_default(),
         ..Config::new(args.data.unwrap_or_default())
     };
     config.state = args.state.unwrap_or(config.state);
@@ -64,6 +69,9 @@ async fn serve(args: ServeArgs) -> Result<()> {
     }
     tracing::info!("stopping; jobs go on when the coordinator is started again with the same stores");
     coordinator.shutdown().await;
+    if let Some(exporter) = exporter {
+        exporter.finish().await;
+    }
     Ok(())
 }
 

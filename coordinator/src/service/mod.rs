@@ -29,6 +29,7 @@ mod shared_tests;
 mod stored;
 #[cfg(test)]
 pub(crate) mod tests;
+mod trace;
 mod upload;
 mod waiters;
 #[cfg(test)]
@@ -52,6 +53,7 @@ use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::Tracer;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
@@ -100,6 +102,7 @@ pub struct Service {
     pub(crate) counts: counts::Counts,
     histories: history::Histories,
     log: log::Log,
+    tracer: Tracer,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
@@ -129,6 +132,16 @@ enum Doubt {
 impl Service {
     /// Goes on from what the stores hold.
     pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
+        Self::open_traced(limits, scheduler, stores, Tracer::default()).await
+    }
+
+    /// As [`open`](Self::open); spans go to the tracer.
+    pub(crate) async fn open_traced(
+        limits: Limits,
+        scheduler: SchedulerConfig,
+        stores: Stores,
+        tracer: Tracer,
+    ) -> Result<Arc<Self>, ServiceError> {
         let clock = Clock::new();
         clock.measure(&*stores.state).await?;
         let scheduler = SchedulerConfig {
@@ -162,6 +175,7 @@ impl Service {
             counts: counts::Counts::default(),
             histories: history::Histories::default(),
             log,
+            tracer,
             refused_connections: Arc::default(),
             publishing: RwLock::default(),
             naming: RwLock::default(),
@@ -316,6 +330,7 @@ impl Service {
     fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
         let garbage = garbage::superfluous(&cell.farm, changes);
         self.histories.before(&cell.farm, changes, now);
+        self.trace_changes(&cell.farm, changes, now);
         for change in changes {
             journal::note(&cell.farm, change);
             self.counts.note(change);

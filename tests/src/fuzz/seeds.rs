@@ -10,6 +10,7 @@ use photonfarm_proto::id::{BlobHash, JobId, LeaseToken, WorkerId};
 use photonfarm_proto::job::{BandwidthRange, FailureKind, JobSpec, Totals};
 use photonfarm_proto::node::{NodeKey, encode_node};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{
     Assignment, FailureReport, Heartbeat, Lease, LeaseProgress, LeaseReply, LeaseRequest, NodeUpload, Register,
 };
@@ -40,6 +41,7 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
         attempt: 1,
         expires_in_ms: 30_000,
         ends_in_ms: Some(5_000),
+        trace: Context::of_job("farm", job),
     };
     vec![
         message(&Register {

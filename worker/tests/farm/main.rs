@@ -3,6 +3,7 @@
 
 mod chains;
 mod support;
+mod traces;
 
 use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_proto::waiting::Waiting;
