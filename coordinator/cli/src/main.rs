@@ -10,6 +10,7 @@ mod client;
 mod compare;
 mod converge;
 mod doctor;
+mod download;
 mod events;
 mod farm_args;
 mod frames;

@@ -5,7 +5,7 @@ use crate::client::{Client, other_farm};
 use crate::frames::picture_of;
 use crate::job::PreparedJob;
 use crate::output::PictureFiles;
-use crate::progress::{Progress, is_shown_live, transfer};
+use crate::progress::{Progress, Transfer, is_shown_live};
 use crate::say;
 use crate::steer_args::{FetchArgs, WaitArgs};
 use anyhow::{Context, Result, bail, ensure};
@@ -232,7 +232,12 @@ async fn await_picture(
 pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus> {
     let reply = client.announce(&job.manifest).await?;
     let contents = reply.missing.iter().filter_map(|hash| job.contents.get(hash));
-    let bar = transfer("sending", contents.map(|bytes| bytes.len() as u64).sum());
+    let shown = RefCell::new(Transfer::start(
+        "sending",
+        contents.map(|bytes| bytes.len() as u64).sum(),
+        0,
+    ));
+    let mut before = 0;
     for hash in reply.missing {
         let Some(bytes) = job.contents.get(&hash) else {
             bail!("the coordinator asks for {hash}, which is no file of the scene");
@@ -240,10 +245,11 @@ pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus
         let named = job.manifest.files.iter().find(|(_, file)| file.hash == hash);
         let name = named.map_or("a file", |(name, _)| name.as_str());
         let context = || format!("cannot send {name} ({} bytes)", bytes.len());
-        client.upload(hash, bytes).await.with_context(context)?;
-        bar.inc(bytes.len() as u64);
+        let told = |moved| shown.borrow_mut().at(before + moved);
+        client.upload(hash, bytes, told).await.with_context(context)?;
+        before += bytes.len() as u64;
     }
-    bar.finish_and_clear();
+    drop(shown);
     client.submit(&job.spec, &job.key).await
 }
 
@@ -300,13 +306,16 @@ pub(crate) fn ended_well(status: JobStatus) -> Result<JobStatus> {
     }
 }
 
-/// Writes the picture of a finished job.
+/// Writes the picture of a job.
 async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene: Option<&Scene>) -> Result<()> {
-    let exr = client.image(status.id, "exr").await?;
-    let png = client.image(status.id, "png").await?;
+    let [mut exr_part, mut png_part] = output.parts()?;
+    let exr = client.download(status.id, "exr", &mut exr_part).await?;
+    let png = client.download(status.id, "png", &mut png_part).await?;
     // The farm may have been restored between the job's end and now.
     check_same(status, &client.status(status.id).await?)?;
     output.write(&exr, &png)?;
+    exr_part.remove()?;
+    png_part.remove()?;
     say::tell(format_args!("{}: {}", output.names(), in_words(&exr)?));
     tell_if_black(&exr, scene)
 }

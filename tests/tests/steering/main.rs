@@ -3,6 +3,7 @@
 
 mod commands;
 mod pictures;
+mod transfers;
 
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::job::{JobState, JobStatus};
