@@ -134,7 +134,8 @@ pub(crate) struct RenderArgs {
     /// Threads to render with [default: one per processor]
     #[arg(long, value_name = "T")]
     pub(crate) threads: Option<NonZeroUsize>,
-    /// Stop after this time, such as 90s, 30m or 8h, with the iterations that are complete
+    /// Stop after this time, such as 90s, 30m or 8h, with the iterations that are complete. Time before an interruption counts
+    /// where the same command goes on
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "from")]
     pub(crate) within: Option<Duration>,
     /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance,

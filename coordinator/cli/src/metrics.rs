@@ -12,7 +12,7 @@
 use anyhow::{Result, bail, ensure};
 use photonfarm_core::picture::ToneCurve;
 use photonfarm_core::spectrum::Spectrum;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Added to the square of the reference where nothing else is asked for: that of a dark grey of 0.1.
 pub(crate) const EPSILON: f64 = 0.01;
@@ -33,7 +33,7 @@ pub(crate) struct Pixels {
 }
 
 /// How far two pictures are from each other.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Errors {
     /// Mean squared error.
     pub(crate) mse: f64,
