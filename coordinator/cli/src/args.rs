@@ -8,6 +8,7 @@ use crate::frames::{Frames, frames};
 use crate::help;
 use crate::input::SceneFormat;
 use crate::logs::{self, LogsArgs};
+use crate::show::ShowArgs;
 use crate::steer_args::{
     DeleteArgs, DrainArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs,
     duration,
@@ -142,6 +143,8 @@ pub(crate) struct RenderArgs {
     /// without the hundredth of the pixels with the largest errors
     #[arg(long, value_name = "X", value_parser = positive, conflicts_with = "from")]
     pub(crate) noise_target: Option<f64>,
+    #[command(flatten)]
+    pub(crate) show: ShowArgs,
     /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
     #[arg(long, value_name = "FILE")]
     pub(crate) stats: Option<PathBuf>,
@@ -424,6 +427,8 @@ mod tests {
             "photonfarm compare a.exr b.exr --difference d.png --epsilon 0.1 --json",
             "photonfarm converge s.xml --reference r.exr --probe 1,2 --probe 3,4 -o a.csv --plot a.png --within 9s",
             "photonfarm watch 3 --json --coordinator http://localhost:1",
+            "photonfarm render s.xml --show -o o.exr",
+            "photonfarm fetch 3 --show=sixel --coordinator http://localhost:1",
             "photonfarm retry 3 --coordinator http://localhost:1",
             "photonfarm drain 3 --undo --json --coordinator http://localhost:1",
             "photonfarm extend 3 100 --coordinator http://localhost:1",
@@ -443,6 +448,8 @@ mod tests {
     fn what_cannot_be_meant_is_refused() {
         for line in [
             "photonfarm render s.xml",
+            "photonfarm render s.xml -o o.exr --show=paper",
+            "photonfarm fetch 3 --coordinator http://localhost:1",
             "photonfarm render s.xml -o o.exr --iterations 0",
             "photonfarm render s.xml -o o.exr --threads 0",
             "photonfarm render s.xml -o o.exr --integrator magic",

@@ -33,6 +33,7 @@ mod repeat;
 mod say;
 mod serve;
 mod settings;
+mod show;
 mod stats;
 mod steer;
 mod steer_args;

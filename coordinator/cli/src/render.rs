@@ -26,6 +26,7 @@ use std::time::{Duration, Instant};
 pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let started = Instant::now();
     let output = Output::check(&args)?;
+    let screen = args.show.screen()?;
     let stats = args.stats.as_deref().map(OutputFile::check).transpose()?;
     let (mut job, scene) = PreparedJob::new(&args.job)?;
     job.spec.schedule.noise_target = args.noise_target;
@@ -68,6 +69,9 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     farm.remove()?;
     say::tell(format_args!("{}: {}", output.names, submit::in_words(&rendered.exr)?));
     submit::tell_if_black(&rendered.exr, Some(&scene.scene))?;
+    if let Some(screen) = screen {
+        screen.show(&rendered.png)?;
+    }
     if let Some(stats) = stats {
         let wall_seconds = started.elapsed().as_secs_f64();
         stats.write(&Stats::new(&rendered.status, threads, wall_seconds, load_seconds).to_json()?)?;

@@ -168,10 +168,15 @@ pub(crate) fn wait(args: WaitArgs) -> Result<()> {
 /// Runs the command `fetch`.
 pub(crate) fn fetch_picture(args: FetchArgs) -> Result<()> {
     tokio::runtime::Runtime::new()?.block_on(async {
-        let output = PictureFiles::check(&args.output)?;
+        let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
+        let screen = args.show.screen()?;
         let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
         client.connect().await?;
-        fetch(&client, &client.status(args.job).await?, &output, None).await
+        let png = match output {
+            Some(output) => fetch(&client, &client.status(args.job).await?, &output, None).await?,
+            None => client.image(args.job, "png").await?,
+        };
+        screen.map_or(Ok(()), |screen| screen.show(&png))
     })
 }
 
@@ -223,7 +228,7 @@ async fn await_picture(
         }
     };
     match output {
-        Some(output) => fetch(client, &status, &output, scene).await,
+        Some(output) => fetch(client, &status, &output, scene).await.map(drop),
         None => Ok(()),
     }
 }
@@ -306,8 +311,8 @@ pub(crate) fn ended_well(status: JobStatus) -> Result<JobStatus> {
     }
 }
 
-/// Writes the picture of a job.
-async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene: Option<&Scene>) -> Result<()> {
+/// Writes the picture of a job, and returns the PNG.
+async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene: Option<&Scene>) -> Result<Vec<u8>> {
     let [mut exr_part, mut png_part] = output.parts()?;
     let exr = client.download(status.id, "exr", &mut exr_part).await?;
     let png = client.download(status.id, "png", &mut png_part).await?;
@@ -317,7 +322,8 @@ async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene
     exr_part.remove()?;
     png_part.remove()?;
     say::tell(format_args!("{}: {}", output.names(), in_words(&exr)?));
-    tell_if_black(&exr, scene)
+    tell_if_black(&exr, scene)?;
+    Ok(png)
 }
 
 /// Says of a black picture that it is, and why if the scene is at hand.
