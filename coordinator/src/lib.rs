@@ -21,6 +21,7 @@ use audit::Audit;
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_proto::limits::Limits;
+use photonfarm_proto::trace::Tracer;
 use scheduler::SchedulerConfig;
 use server::{Certificates, Server};
 use service::{Keep, Service, ServiceError, Stores};
@@ -64,6 +65,8 @@ pub struct Config {
     pub webhooks: WebhookConfig,
     /// File to which each request is written that changes something.
     pub audit_log: Option<PathBuf>,
+    /// Where spans of what happens to jobs go, if anywhere.
+    pub tracer: Tracer,
 }
 
 impl Config {
@@ -84,6 +87,7 @@ impl Config {
             keep: Keep::default(),
             webhooks: WebhookConfig::default(),
             audit_log: None,
+            tracer: Tracer::default(),
         }
     }
 }
@@ -168,7 +172,7 @@ impl Coordinator {
         }
         let step = Duration::from_millis((config.scheduler.lease_ttl_ms / 10).clamp(10, 1000));
         let webhooks = Webhooks::new(config.webhooks, &url(address, encrypted))?;
-        let service = Service::open(config.limits, config.scheduler, stores, webhooks).await?;
+        let service = Service::open_traced(config.limits, config.scheduler, stores, webhooks, config.tracer).await?;
         let lost = service.audit_lost.clone();
         let audit = config.audit_log.map(|path| {
             let opened = Audit::open(path.clone(), lost);

@@ -20,6 +20,7 @@ pub mod rest;
 pub mod schedule;
 pub mod time;
 pub mod token;
+pub mod trace;
 pub mod waiting;
 pub mod webhook;
 pub mod worker;

@@ -28,6 +28,7 @@ use crate::memory::Shortage;
 use crate::node::{NodeHeader, NodeKey};
 use crate::planes;
 use crate::rest::Rest;
+use crate::trace::Context;
 use photonfarm_core::picture::SceneFacts;
 use photonfarm_core::settings::IntegratorSettings;
 use serde::{Deserialize, Serialize};
@@ -100,6 +101,9 @@ pub struct Lease {
     pub expires_in_ms: u64,
     /// Time until the job's deadline, if it has one: nothing that arrives later counts [ms].
     pub ends_in_ms: Option<u64>,
+    /// The span of the lease in the trace of the job: what its worker does is a part of it.
+    #[serde(default)]
+    pub trace: Context,
 }
 
 /// Work, if there is any.
@@ -385,6 +389,7 @@ mod tests {
             attempt: 1,
             expires_in_ms: 30_000,
             ends_in_ms: Some(5_000),
+            trace: Context::of_job("farm", JobId(3)),
         };
         let spec = JobSpec {
             scene: BlobHash::of(b"scene"),

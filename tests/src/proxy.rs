@@ -1,7 +1,9 @@
-//! A proxy between client and coordinator that refuses large bodies, as those do that stand before services.
+//! Proxies between client and coordinator: one that refuses large bodies, as those do that stand before services, and one that cuts
+//! long answers.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What it answers to a body that is too large: no problem document, but a page.
 const REFUSAL: &[u8] = b"HTTP/1.1 413 Request Entity Too Large\r\ncontent-type: text/html\r\ncontent-length: 24\r\n\
@@ -26,8 +28,85 @@ pub fn refuse_bodies_beyond(bytes: u64, url: &str) -> String {
     own
 }
 
+/// A proxy that passes on so many bytes of each answer, and then cuts the connection or falls silent.
+#[derive(Debug)]
+pub struct Cutter {
+    /// Where it serves.
+    pub url: String,
+    heads: Arc<Mutex<Vec<String>>>,
+}
+
+impl Cutter {
+    /// Serves for the coordinator at `url`, which begins with `http://`, as long as the process lives. After `bytes` of an answer the
+    /// connection is cut, or stays open without a word.
+    ///
+    /// # Panics
+    /// Where there is no port.
+    #[must_use]
+    pub fn start(url: &str, bytes: u64, silent: bool) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let own = format!("http://{}", listener.local_addr().expect("it listens"));
+        let address = url.trim_start_matches("http://").to_owned();
+        let heads = Arc::<Mutex<Vec<String>>>::default();
+        let cutter = Self {
+            url: own,
+            heads: heads.clone(),
+        };
+        std::thread::spawn(move || {
+            for client in listener.incoming().map_while(Result::ok) {
+                let (address, heads) = (address.clone(), heads.clone());
+                std::thread::spawn(move || cut(client, &address, bytes, silent, &heads).ok());
+            }
+        });
+        cutter
+    }
+
+    /// The heads of the requests so far.
+    #[must_use]
+    pub fn heads(&self) -> Vec<String> {
+        self.heads.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+fn cut(
+    mut client: TcpStream,
+    address: &str,
+    bytes: u64,
+    silent: bool,
+    heads: &Mutex<Vec<String>>,
+) -> std::io::Result<()> {
+    let Some((head, body)) = read_request(&client)? else {
+        return Ok(());
+    };
+    let mut server = TcpStream::connect(address)?;
+    server.write_all(head.as_bytes())?;
+    server.write_all(&body)?;
+    heads.lock().unwrap_or_else(PoisonError::into_inner).push(head);
+    let passed = std::io::copy(&mut server.take(bytes), &mut client)?;
+    if silent && passed == bytes {
+        // Until the client leaves.
+        let _gone = client.read(&mut [0]);
+    }
+    client.shutdown(Shutdown::Both)
+}
+
 /// One request and its answer; then the connection ends.
 fn pass_on(mut client: TcpStream, address: &str, limit: u64) -> std::io::Result<()> {
+    let Some((head, body)) = read_request(&client)? else {
+        return Ok(());
+    };
+    if body.len() as u64 > limit {
+        return client.write_all(REFUSAL);
+    }
+    let mut server = TcpStream::connect(address)?;
+    server.write_all(head.as_bytes())?;
+    server.write_all(&body)?;
+    std::io::copy(&mut server, &mut client)?;
+    client.shutdown(Shutdown::Both)
+}
+
+/// Head and body of a request, whose connection is to end with its answer; none where there is no whole head.
+fn read_request(client: &TcpStream) -> std::io::Result<Option<(String, Vec<u8>)>> {
     let mut reader = BufReader::new(client.try_clone()?);
     let (mut head, mut length) = (String::new(), 0);
     reader.read_line(&mut head)?;
@@ -35,7 +114,7 @@ fn pass_on(mut client: TcpStream, address: &str, limit: u64) -> std::io::Result<
     loop {
         let mut line = String::new();
         if reader.read_line(&mut line)? == 0 {
-            return Ok(());
+            return Ok(None);
         }
         if let Some(value) = line.to_ascii_lowercase().strip_prefix("content-length:") {
             length = value.trim().parse().unwrap_or(0);
@@ -47,12 +126,5 @@ fn pass_on(mut client: TcpStream, address: &str, limit: u64) -> std::io::Result<
     }
     let mut body = Vec::new();
     reader.take(length).read_to_end(&mut body)?;
-    if length > limit {
-        return client.write_all(REFUSAL);
-    }
-    let mut server = TcpStream::connect(address)?;
-    server.write_all(head.as_bytes())?;
-    server.write_all(&body)?;
-    std::io::copy(&mut server, &mut client)?;
-    client.shutdown(Shutdown::Both)
+    Ok(Some((head, body)))
 }

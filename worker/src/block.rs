@@ -8,10 +8,21 @@ use photonfarm_core::integrator::{Observer, Phase, RenderError};
 use photonfarm_core::tree::Forest;
 use photonfarm_proto::job::{FailureKind, JobSpec, PhaseSeconds, Totals};
 use photonfarm_proto::node::NodeKey;
+use photonfarm_proto::trace::Tracer;
+use photonfarm_proto::worker::Lease;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
+
+/// What is to be rendered.
+pub(crate) struct Task<'a> {
+    pub(crate) scene: &'a dyn LoadedScene,
+    pub(crate) spec: &'a JobSpec,
+    pub(crate) lease: &'a Lease,
+    /// Where spans of the iterations go.
+    pub(crate) tracer: &'a Tracer,
+}
 
 /// A node with what it took.
 pub(crate) struct Sum {
@@ -67,17 +78,16 @@ impl Deadline {
     }
 }
 
-/// Renders the leaves of `block` in order, the first one going on from the statistics `before` if the integrator is sequential.
+/// Renders the leaves of a lease in order, the first one going on from the statistics `before` if the integrator is sequential.
 /// What was summed until the ending is the maximal nodes of the leaves done. Leaves that would miss the deadline are given back.
 pub(crate) fn render_block(
-    scene: &dyn LoadedScene,
-    spec: &JobSpec,
-    block: NodeKey,
+    task: &Task,
     mut before: Vec<f32>,
     state: &LeaseState,
     stop: &Stop,
     mut deadline: Deadline,
 ) -> (Vec<Sum>, Ending) {
+    let block = task.lease.node;
     let mut forest = Forest::default();
     let mut leaf_totals = Vec::new();
     let mut ending = Ending::Complete;
@@ -87,13 +97,21 @@ pub(crate) fn render_block(
             break;
         }
         let leaf = leaf as u32;
-        let rendered = render_leaf(scene, spec, leaf, &before, state, &stop.abandon).and_then(|(node, totals)| {
+        let mut span = task.tracer.begin(task.lease.trace, "iteration");
+        span.fact("iteration", || u64::from(leaf) + 1);
+        let rendered = render_leaf(task, leaf, &before, state, &stop.abandon).and_then(|(node, totals)| {
             before.clone_from(&node.statistics);
             forest
                 .push(node)
                 .map_err(|error| LeafError::Failed(FailureKind::Render, error.to_string()))?;
             Ok(totals)
         });
+        match &rendered {
+            Ok(totals) => span.fact("rays", || totals.counts.rays),
+            Err(LeafError::Cancelled) => span.failed("given up"),
+            Err(LeafError::Failed(_, why)) => span.failed(why),
+        }
+        drop(span);
         match rendered {
             Ok(totals) => leaf_totals.push(totals),
             Err(LeafError::Cancelled) if state.is_lost() => return (Vec::new(), Ending::Lost),
@@ -162,13 +180,13 @@ impl From<FilmError> for LeafError {
 }
 
 fn render_leaf(
-    scene: &dyn LoadedScene,
-    spec: &JobSpec,
+    task: &Task,
     leaf: u32,
     before: &[f32],
     state: &LeaseState,
     abandon: &CancellationToken,
 ) -> Result<(Node, Totals), LeafError> {
+    let Task { scene, spec, .. } = *task;
     let clock = PhaseClock::new(state, abandon);
     let iteration = leaf + 1;
     let render = || scene.render(spec.integrator.with_defaults(), spec.seed, iteration, before, &clock);

@@ -11,8 +11,9 @@ use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::codec::{self, CodecError, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::{Context, TRACEPARENT, Tracer};
 use photonfarm_proto::worker::{StatisticsRequest, read_statistics, statistics_body_bytes};
-use reqwest::header::{CONTENT_TYPE, LOCATION};
+use reqwest::header::{CONTENT_TYPE, HeaderName, HeaderValue, LOCATION};
 use reqwest::redirect::Policy;
 use reqwest::{Method, Request, RequestBuilder, Response, StatusCode, Url};
 use std::time::{Duration, Instant};
@@ -99,6 +100,20 @@ pub(crate) struct Prepared {
     wait: Duration,
 }
 
+impl Prepared {
+    /// Says which span the request is part of, if there is one.
+    pub(crate) fn within(mut self, span: Context) -> Self {
+        if let Some(value) = Some(span)
+            .filter(|span| span.is_some())
+            .and_then(|span| HeaderValue::try_from(span.to_string()).ok())
+        {
+            let name = HeaderName::from_static(TRACEPARENT);
+            self.head.headers_mut().insert(name, value);
+        }
+        self
+    }
+}
+
 /// A connection to a coordinator.
 #[derive(Clone, Debug)]
 pub(crate) struct Client {
@@ -108,11 +123,13 @@ pub(crate) struct Client {
     base: Url,
     credentials: Credentials,
     pub(crate) reach: Reach,
+    /// Where spans of what is sent go.
+    pub(crate) tracer: Tracer,
 }
 
 impl Client {
     /// A client for the coordinator at `url`; nothing is sent yet.
-    pub(crate) fn new(url: &str, credentials: Credentials) -> Result<Self, String> {
+    pub(crate) fn new(url: &str, credentials: Credentials, tracer: Tracer) -> Result<Self, String> {
         let base = Url::parse(url).map_err(|error| format!("{url:?} is not a URL: {error}"))?;
         if !matches!(base.scheme(), "http" | "https") || base.cannot_be_a_base() {
             return Err(format!("{url:?} is not an address such as http://127.0.0.1:7800"));
@@ -130,6 +147,7 @@ impl Client {
             reach: Reach::to(base.as_str().trim_end_matches('/')),
             base,
             credentials,
+            tracer,
         })
     }
 
@@ -174,7 +192,7 @@ impl Client {
     async fn execute(&self, request: &Prepared) -> Result<Response, ClientError> {
         let head = request.head.try_clone();
         let head = head.ok_or_else(|| ClientError::Answer("a request that cannot be repeated".into()))?;
-        let answer = transfer::send(&self.http, head, request.body.clone(), request.wait).await;
+        let answer = transfer::send(&self.http, head, request.body.clone(), request.wait, |_| {}).await;
         match succeed(self.noted(answer)?).await {
             Err(ClientError::TooLarge(_)) => Err(ClientError::TooLarge(request.body.len() as u64)),
             other => other,
@@ -253,7 +271,7 @@ impl Client {
     /// Puts bytes to a signed URL.
     pub(crate) async fn put(&self, url: &str, bytes: Bytes) -> Result<(), ClientError> {
         let request = self.store.put(url).build()?;
-        from_store(transfer::send(&self.store, request, bytes, SILENCE).await).map(drop)
+        from_store(transfer::send(&self.store, request, bytes, SILENCE, |_| {}).await).map(drop)
     }
 }
 

@@ -4,6 +4,7 @@ use crate::client::ClientError;
 use crate::credentials::Credentials;
 use crate::render::{CoreRenderer, Renderer};
 use photonfarm_proto::rest::Resting;
+use photonfarm_proto::trace::Tracer;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -44,6 +45,8 @@ pub struct WorkerConfig {
     /// Whether this process tells how much memory jobs take, for which it sets its high-water mark back, and at its start
     /// which leases an earlier one had that was killed for lack of memory.
     pub watches_memory: bool,
+    /// Where spans of its work go, if anywhere.
+    pub tracer: Tracer,
     /// Set while no work is to be taken.
     pub rest: watch::Receiver<Option<Resting>>,
 }
@@ -65,6 +68,7 @@ impl WorkerConfig {
             drain: DRAIN,
             memory_mb: None,
             watches_memory: false,
+            tracer: Tracer::default(),
             rest: watch::channel(None).1,
         }
     }

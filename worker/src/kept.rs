@@ -125,6 +125,7 @@ mod tests {
     use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
     use photonfarm_proto::job::Totals;
     use photonfarm_proto::node::NodeKey;
+    use photonfarm_proto::trace::Context;
 
     fn parcel() -> Parcel {
         let lease = Lease {
@@ -135,6 +136,7 @@ mod tests {
             attempt: 1,
             expires_in_ms: 30_000,
             ends_in_ms: None,
+            trace: Context::default(),
         };
         let upload = |index: u32| {
             let image = vec![index as u8; 100];

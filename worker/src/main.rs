@@ -4,7 +4,7 @@ use anyhow::Context;
 use clap::{Parser, ValueEnum};
 use photonfarm_proto::memory::MOST_MEMORY_MB;
 use photonfarm_worker::{
-    Attendance, CancellationToken, Credentials, Hours, OTHERS_PERCENT, Worker, WorkerConfig, available_mb,
+    Attendance, CancellationToken, Credentials, Exporter, Hours, OTHERS_PERCENT, Worker, WorkerConfig, available_mb,
 };
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -62,6 +62,14 @@ struct Options {
     /// with the same folder and coordinator; it counts if its lease has not ended meanwhile.
     #[arg(long, value_name = "S", default_value_t = 100)]
     drain_seconds: u32,
+    /// Send spans of the work on each job to this collector of OpenTelemetry, by OTLP over HTTP, such as http://127.0.0.1:4318.
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "OTEL_EXPORTER_OTLP_ENDPOINT",
+        hide_env_values = true
+    )]
+    otlp: Option<String>,
     /// Format of the log; RUST_LOG chooses what it tells.
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -122,9 +130,17 @@ async fn run(options: Options) -> anyhow::Result<()> {
     if let Some(rest) = *config.rest.borrow() {
         tracing::info!("{rest}");
     }
+    let otlp = options.otlp.filter(|url| !url.is_empty());
+    let exporter = otlp.map(|url| Exporter::start(&url, "photonfarm-worker", &config.name));
+    let exporter = exporter.transpose()?;
+    config.tracer = exporter.as_ref().map(Exporter::tracer).unwrap_or_default();
     let drain = CancellationToken::new();
     stop_on_signals(drain.clone()).context("signals cannot be handled")?;
-    Worker::new(config)?.run(drain).await?;
+    let worked = Worker::new(config)?.run(drain).await;
+    if let Some(exporter) = exporter {
+        exporter.finish().await;
+    }
+    worked?;
     tracing::info!("stopped");
     Ok(())
 }

@@ -6,9 +6,11 @@ use crate::client::{Client, ClientError, reading_time, retry};
 use crate::held::{Held, LeaseState};
 use crate::kept;
 use crate::parcel::{Farewell, Parcel, Upload};
+use photonfarm_proto::codec;
 use photonfarm_proto::job::FailureKind;
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::ErrorCode;
+use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{
     Acknowledged, FailureReport, Lease, NodePlace, NodeReply, NodeUpload, Release, cut_text, frame_upload,
 };
@@ -90,7 +92,13 @@ pub(crate) async fn deliver(client: &Client, held: &Held, parcel: &Parcel, stop:
     let Parcel { lease, state, .. } = parcel;
     let mut refused = None;
     for upload in &parcel.uploads {
-        match deliver_node(client, upload, state, parcel.stores, stop).await {
+        let mut span = client.tracer.begin(lease.trace, "upload");
+        span.fact("node", || upload.announced.node.to_string());
+        span.fact("bytes", || upload.image.len() as u64);
+        let within = span.context();
+        let delivered = deliver_node(client, (upload, within), state, parcel.stores, stop).await;
+        span.end(&delivered);
+        match delivered {
             Ok(()) => {}
             Err(ClientError::Stopping) => return false,
             Err(error) => {
@@ -167,7 +175,7 @@ fn is_void(upload: &Upload, state: &LeaseState) -> bool {
 
 async fn deliver_node(
     client: &Client,
-    upload: &Upload,
+    (upload, within): (&Upload, Context),
     state: &LeaseState,
     stores: bool,
     stop: &CancellationToken,
@@ -178,9 +186,9 @@ async fn deliver_node(
             return Ok(());
         }
         let sent = if stores {
-            store(client, upload, state, stop).await
+            store(client, (upload, within), state, stop).await
         } else {
-            send(client, upload, state, stop).await
+            send(client, (upload, within), state, stop).await
         };
         let error = match sent {
             Ok(()) => return Ok(()),
@@ -204,13 +212,13 @@ fn delivery_of(upload: &NodeUpload) -> String {
 /// refused at the latest.
 async fn send(
     client: &Client,
-    upload: &Upload,
+    (upload, within): (&Upload, Context),
     state: &LeaseState,
     stop: &CancellationToken,
 ) -> Result<(), ClientError> {
     let mut body = frame_upload(&upload.announced)?;
     body.extend_from_slice(&upload.image[NodeHeader::BYTES..]);
-    let request = client.post("worker/nodes", body, Duration::ZERO)?;
+    let request = client.post("worker/nodes", body, Duration::ZERO)?.within(within);
     let what = delivery_of(&upload.announced);
     retry(stop, &what, || async {
         if is_void(upload, state) {
@@ -225,7 +233,7 @@ async fn send(
 /// and to a new place each time.
 async fn store(
     client: &Client,
-    upload: &Upload,
+    (upload, within): (&Upload, Context),
     state: &LeaseState,
     stop: &CancellationToken,
 ) -> Result<(), ClientError> {
@@ -236,13 +244,13 @@ async fn store(
         }
         match client.call("worker/nodes/place", announced, Duration::ZERO).await? {
             NodePlace::Known => Ok(()),
-            NodePlace::Here => send(client, upload, state, stop).await,
+            NodePlace::Here => send(client, (upload, within), state, stop).await,
             NodePlace::Url(url) => {
                 client.put(&url, upload.image.clone()).await?;
                 // The coordinator may have to read the image first.
                 let reading = reading_time(upload.image.len() as u64);
-                let _reply: NodeReply = client.call("worker/nodes/stored", announced, reading).await?;
-                Ok(())
+                let stored = client.post("worker/nodes/stored", codec::encode(announced)?, reading)?;
+                client.send::<NodeReply>(&stored.within(within)).await.map(drop)
             }
         }
     })

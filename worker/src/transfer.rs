@@ -43,7 +43,8 @@ fn patience(silence: Duration, moved: u64) -> Duration {
 }
 
 /// Sends a request with a body, and returns its answer as soon as that begins. The answer may take `silence` after the
-/// last piece of the body that moved, and the time that a slow line needs for what is on its way.
+/// last piece of the body that moved, and the time that a slow line needs for what is on its way. `told` is told of how many bytes
+/// of the body have moved so far.
 ///
 /// # Errors
 /// A connection that fails; a silence that lasts.
@@ -52,6 +53,7 @@ pub async fn send(
     mut request: Request,
     body: Bytes,
     silence: Duration,
+    told: impl Fn(u64),
 ) -> Result<Response, TransferError> {
     request.headers_mut().insert(CONTENT_LENGTH, body.len().into());
     let (moved, mut progress) = watch::channel(0);
@@ -67,6 +69,7 @@ pub async fn send(
     let mut answer = pin!(client.execute(request));
     loop {
         let moved = *progress.borrow_and_update();
+        told(moved);
         let silence = patience(silence, moved);
         let more = async {
             if progress.changed().await.is_err() {
@@ -98,6 +101,7 @@ mod tests {
     use super::*;
     use futures_util::StreamExt;
     use reqwest::Method;
+    use std::cell::Cell;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
     use tokio::net::TcpListener;
 
@@ -138,19 +142,23 @@ mod tests {
                 .unwrap();
             (String::from_utf8(said).unwrap().to_lowercase(), body)
         });
+        let moved = Cell::new(0);
         let sent: Bytes = (0..BYTES).map(|i| (i % 251) as u8).collect();
-        let answer = send(&client(), request, sent.clone(), LONG).await.unwrap();
+        let answer = send(&client(), request, sent.clone(), LONG, |bytes| moved.set(bytes))
+            .await
+            .unwrap();
         let answer: Vec<_> = pieces(answer, LONG).map(Result::unwrap).collect().await;
         assert_eq!(answer.concat(), b"ok");
         let (head, body) = received.await.unwrap();
         assert!(head.contains(&format!("content-length: {BYTES}\r\n")), "{head}");
         assert!(body == sent, "the body arrived otherwise");
+        assert_eq!(moved.get(), BYTES as u64);
     }
 
     #[tokio::test]
     async fn silence_ends_a_request_and_an_answer() {
         let (listener, request) = server().await;
-        let silent = send(&client(), request.try_clone().unwrap(), Bytes::new(), BRIEF).await;
+        let silent = send(&client(), request.try_clone().unwrap(), Bytes::new(), BRIEF, |_| {}).await;
         assert!(matches!(silent, Err(TransferError::Silent { moved: 0, .. })));
         tokio::spawn(async move {
             let mut open = Vec::new();
@@ -162,7 +170,7 @@ mod tests {
                 open.push(stream);
             }
         });
-        let answer = send(&client(), request, Bytes::new(), LONG).await.unwrap();
+        let answer = send(&client(), request, Bytes::new(), LONG, |_| {}).await.unwrap();
         let mut answer = pin!(pieces(answer, BRIEF));
         let mut last = None;
         while let Some(piece) = answer.next().await {

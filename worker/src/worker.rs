@@ -1,7 +1,7 @@
 //! The worker's life: register, lease, render, deliver; reconnect; drain.
 
 use crate::backoff::Backoff;
-use crate::block::{Deadline, Ending, panic_message, render_block};
+use crate::block::{Deadline, Ending, Task, panic_message, render_block};
 use crate::cache::{Cache, CacheError};
 use crate::check::Checker;
 use crate::client::{Client, ClientError, retry};
@@ -24,6 +24,7 @@ use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::rest::{Rest, Resting};
+use photonfarm_proto::trace::{Context, Tracer};
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
     MOST_WARNINGS, Register, Registered, SceneReport, StatisticsRequest, cut_text,
@@ -102,7 +103,8 @@ impl From<ClientError> for LoadError {
 impl Worker {
     /// Opens the cache and makes the threads; nothing is sent yet.
     pub fn new(config: WorkerConfig) -> Result<Self, WorkerError> {
-        let client = Client::new(&config.coordinator, config.credentials.clone()).map_err(WorkerError::Url)?;
+        let client = Client::new(&config.coordinator, config.credentials.clone(), config.tracer.clone());
+        let client = client.map_err(WorkerError::Url)?;
         let cache = Cache::open(&config.cache, config.cache_bytes).map_err(|source| WorkerError::Cache {
             path: config.cache.clone(),
             source,
@@ -313,7 +315,7 @@ impl Worker {
         let gauge = self.config.watches_memory.then(Gauge::begin);
         let _witness = gauge.and_then(|gauge| self.witness(&lease, &state, gauge));
         let prepare = async {
-            let scene = self.load(&spec, &stop.drain).await?;
+            let scene = self.load(&spec, lease.trace, &stop.drain).await?;
             spec.integrator = self.resolve(&*scene, &spec, &lease, &stop.drain).await?.into();
             let before = self.statistics(&*scene, &spec, &lease, &stop.drain).await?;
             Ok((scene, before))
@@ -372,10 +374,16 @@ impl Worker {
         (state, ends, gauge): (Arc<LeaseState>, Option<Instant>, Option<Gauge>),
         stop: &Stop,
     ) -> (Vec<Upload>, Farewell, bool) {
-        let (pool, steps) = (self.pool.clone(), stop.clone());
+        let (pool, steps, tracer) = (self.pool.clone(), stop.clone(), self.config.tracer.clone());
         let work = move || {
             let deadline = Deadline::new(ends, Instant::now());
-            let render = || render_block(&*scene, &spec, lease.node, before, &state, &steps, deadline);
+            let task = Task {
+                scene: &*scene,
+                spec: &spec,
+                lease: &lease,
+                tracer: &tracer,
+            };
+            let render = || render_block(&task, before, &state, &steps, deadline);
             let (sums, ending) = pool.install(render);
             let mut uploads = parcel::encode(lease.worker, &lease, sums);
             let memory_mb = gauge.and_then(|gauge| gauge.peak_mb());
@@ -476,8 +484,13 @@ impl Worker {
         .await?)
     }
 
-    /// The scene of a job, loaded before or now.
-    async fn load(&mut self, spec: &JobSpec, drain: &CancellationToken) -> Result<Arc<dyn LoadedScene>, LoadError> {
+    /// The scene of a job, loaded before or now, within the span of a lease.
+    async fn load(
+        &mut self,
+        spec: &JobSpec,
+        within: Context,
+        drain: &CancellationToken,
+    ) -> Result<Arc<dyn LoadedScene>, LoadError> {
         let key = scene_key(spec);
         if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
             return Ok(scene.clone());
@@ -485,14 +498,28 @@ impl Worker {
         self.loaded = None;
         let manifest = retry(drain, "the request for a manifest", || self.client.manifest(spec.scene)).await?;
         for _ in 0..LOADS {
-            let files = self.cache.fetch(&self.client, manifest.clone(), drain).await?;
+            let mut span = self.config.tracer.begin(within, "download");
+            span.fact("scene", || spec.scene.to_string());
+            span.fact("files", || manifest.files.len() as u64);
+            let files = self.cache.fetch(&self.client, manifest.clone(), drain).await;
+            span.end(&files);
+            let files = files?;
+            let mut span = self.config.tracer.begin(within, "load");
+            span.fact("scene", || spec.scene.to_string());
             let (renderer, pool) = (self.config.renderer.clone(), self.pool.clone());
             let (read, spec) = (files.clone(), spec.clone());
             let load = move || {
                 let load = || pool.install(|| renderer.load(&read, &spec));
                 catch_unwind(AssertUnwindSafe(load)).map_err(|panic| panic_message(&*panic).to_owned())
             };
-            match tokio::task::spawn_blocking(load).await {
+            let loaded = tokio::task::spawn_blocking(load).await;
+            match &loaded {
+                Ok(Ok(Ok(_))) => {}
+                Ok(Ok(Err(why)) | Err(why)) => span.failed(why),
+                Err(error) => span.failed(error),
+            }
+            drop(span);
+            match loaded {
                 Ok(Ok(Ok(scene))) => {
                     self.loaded = Some((key, scene.clone()));
                     return Ok(scene);

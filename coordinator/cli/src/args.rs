@@ -10,6 +10,7 @@ use crate::input::SceneFormat;
 use crate::logs::{self, LogsArgs};
 use crate::mix::{self, MixArgs};
 use crate::serve_args::ServeArgs;
+use crate::show::ShowArgs;
 use crate::steer_args::{
     DeleteArgs, DrainArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs,
     duration,
@@ -140,13 +141,16 @@ pub(crate) struct RenderArgs {
     /// Threads to render with [default: one per processor]
     #[arg(long, value_name = "T")]
     pub(crate) threads: Option<NonZeroUsize>,
-    /// Stop after this time, such as 90s, 30m or 8h, with the iterations that are complete
+    /// Stop after this time, such as 90s, 30m or 8h, with the iterations that are complete. Time before an interruption counts
+    /// where the same command goes on
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "from")]
     pub(crate) within: Option<Duration>,
     /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance,
     /// without the hundredth of the pixels with the largest errors
     #[arg(long, value_name = "X", value_parser = positive, conflicts_with = "from")]
     pub(crate) noise_target: Option<f64>,
+    #[command(flatten)]
+    pub(crate) show: ShowArgs,
     /// Write what the render took as JSON: seconds by phase, light paths, records, rays, peak memory
     #[arg(long, value_name = "FILE")]
     pub(crate) stats: Option<PathBuf>,
@@ -375,6 +379,8 @@ mod tests {
             "photonfarm converge s.xml --reference r.exr --probe 1,2 --probe 3,4 -o a.csv --plot a.png --within 9s",
             "photonfarm mix a.exr --lamp a=#ffcc88*1.5EV --lamp *=0 -o b.exr",
             "photonfarm watch 3 --json --coordinator http://localhost:1",
+            "photonfarm render s.xml --show -o o.exr",
+            "photonfarm fetch 3 --show=sixel --coordinator http://localhost:1",
             "photonfarm retry 3 --coordinator http://localhost:1",
             "photonfarm drain 3 --undo --json --coordinator http://localhost:1",
             "photonfarm extend 3 100 --coordinator http://localhost:1",
@@ -394,6 +400,8 @@ mod tests {
     fn what_cannot_be_meant_is_refused() {
         for line in [
             "photonfarm render s.xml",
+            "photonfarm render s.xml -o o.exr --show=paper",
+            "photonfarm fetch 3 --coordinator http://localhost:1",
             "photonfarm render s.xml -o o.exr --iterations 0",
             "photonfarm render s.xml -o o.exr --threads 0",
             "photonfarm render s.xml -o o.exr --integrator magic",

@@ -1,7 +1,6 @@
 //! A client of the coordinator's public interface that goes on through restarts.
 
 use crate::events::Events;
-use crate::progress::transfer as bar_of;
 use crate::say::tell;
 use anyhow::{Context, Result, anyhow, bail};
 use bytes::Bytes;
@@ -30,7 +29,7 @@ use tokio::time::sleep;
 /// How long the first answer may take: a coordinator that is just starting.
 const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 /// How long a coordinator that has answered before may stay away.
-const PATIENCE: Duration = Duration::from_secs(15 * 60);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(15 * 60);
 /// How long a connection is kept for the next request: less than a coordinator keeps it.
 const IDLE: Duration = Duration::from_secs(30);
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
@@ -174,23 +173,28 @@ impl Client {
             self.request(Method::POST, "bundles")
                 .header(CONTENT_TYPE, "application/json")
         };
-        let answer = self.transfer(request, &body).await?;
+        let answer = self.transfer(request, &body, |_| {}).await?;
         let answer: Vec<Bytes> = transfer::pieces(answer, SILENCE).try_collect().await?;
         Ok(serde_json::from_slice(&answer.concat())?)
     }
 
-    /// Sends a file of a bundle, however long that takes.
-    pub(crate) async fn upload(&self, hash: BlobHash, bytes: &Bytes) -> Result<()> {
+    /// Sends a file of a bundle, however long that takes; `told` is told of how many bytes have moved so far.
+    pub(crate) async fn upload(&self, hash: BlobHash, bytes: &Bytes, told: impl Fn(u64)) -> Result<()> {
         let path = format!("blobs/{hash}");
-        self.transfer(|| self.request(Method::PUT, &path), bytes).await?;
+        self.transfer(|| self.request(Method::PUT, &path), bytes, told).await?;
         Ok(())
     }
 
     /// Sends a long body.
-    async fn transfer(&self, request: impl Fn() -> RequestBuilder, body: &Bytes) -> Result<Response> {
+    async fn transfer(
+        &self,
+        request: impl Fn() -> RequestBuilder,
+        body: &Bytes,
+        told: impl Fn(u64),
+    ) -> Result<Response> {
         let send = async || {
             let request = request().build()?;
-            transfer::send(&self.uploads, request, body.clone(), SILENCE).await
+            transfer::send(&self.uploads, request, body.clone(), SILENCE, &told).await
         };
         self.repeat(PATIENCE, send).await
     }
@@ -297,28 +301,6 @@ impl Client {
         Ok(())
     }
 
-    /// An image of a job, in the format `exr` or `png`.
-    pub(crate) async fn image(&self, job: JobId, format: &str) -> Result<Vec<u8>> {
-        let path = format!("jobs/{job}/image.{format}");
-        let started = Instant::now();
-        loop {
-            let response = self.retry(PATIENCE, || self.request(Method::GET, &path)).await?;
-            let bar = bar_of("fetching", response.content_length().unwrap_or(0));
-            let whole = response.bytes_stream().try_fold(Vec::new(), async |mut whole, piece| {
-                whole.extend_from_slice(&piece);
-                bar.inc(piece.len() as u64);
-                Ok(whole)
-            });
-            let whole = whole.await;
-            bar.finish_and_clear();
-            match whole {
-                Ok(bytes) => return Ok(bytes),
-                Err(error) if started.elapsed() > PATIENCE => return Err(error.into()),
-                Err(_) => sleep(FIRST_PAUSE).await,
-            }
-        }
-    }
-
     /// The noise of a job's picture as it stands, which its first bytes say; nothing where it does not know.
     pub(crate) async fn noise(&self, job: JobId) -> Result<Option<f64>> {
         let path = format!("jobs/{job}/image.exr");
@@ -361,7 +343,13 @@ impl Client {
         }
     }
 
-    fn request(&self, method: Method, path: &str) -> RequestBuilder {
+    /// Digits of the farm, or where it is, if it has not said them.
+    pub(crate) fn farm_or_address(&self) -> &str {
+        self.farm.get().map_or(self.base.as_str(), String::as_str)
+    }
+
+    /// A request to the coordinator, with the token.
+    pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
         self.credentials.sign(self.http.request(method, self.address(path)))
     }
 
@@ -371,7 +359,7 @@ impl Client {
     }
 
     /// Sends a short request again and again, until it is answered or refused.
-    async fn retry(&self, patience: Duration, request: impl Fn() -> RequestBuilder) -> Result<Response> {
+    pub(crate) async fn retry(&self, patience: Duration, request: impl Fn() -> RequestBuilder) -> Result<Response> {
         self.repeat(patience, async || Ok(request().send().await?)).await
     }
 

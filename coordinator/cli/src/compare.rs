@@ -1,5 +1,7 @@
 //! `photonfarm compare`: how far two pictures are from each other.
 
+use crate::flip::{self, ErrorMap};
+use crate::magma;
 use crate::metrics::{EPSILON, Errors, Pixels, decoded, encoded, ssim};
 use crate::output::{OutputFile, plain_exr};
 use crate::say;
@@ -14,18 +16,22 @@ use std::path::{Path, PathBuf};
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   photonfarm compare now.exr reference.exr
-      MSE, relMSE and SSIM of now.exr against reference.exr.
+      MSE, relMSE, SSIM and FLIP of now.exr against reference.exr.
   photonfarm compare now.exr reference.exr --difference where.png
       Shows where: red where now.exr is brighter, blue where it is darker, black where they agree.
   photonfarm compare now.exr reference.exr --difference signed.exr
       Writes now.exr minus reference.exr.
+  photonfarm compare now.exr reference.exr --flip seen.png
+      Shows where somebody who flips between the two sees a difference: black where none, yellow where most.
   photonfarm compare now.exr reference.exr --json | jq .relmse
       For scripts.
 
 MSE is the mean of (a - b)^2 over pixels and channels, relMSE that of (a - b)^2 / (b^2 + epsilon), with
 b the reference. SSIM is that of Wang et al. (2004) on grey values as a screen shows them: of EXR
-pictures under the tone curve that fits the reference. A PNG is compared with a PNG, by linear values
-between 0 and 1.";
+pictures under the tone curve that fits the reference. FLIP is the mean error of Andersson et al. (2020)
+of the same, between 0 and 1, on a screen with 67 pixels in a degree of sight; of EXR pictures HDR-FLIP
+(2021) as well, the largest error at any exposure. A PNG is compared with a PNG, by linear values between
+0 and 1.";
 
 /// Most pixels of a picture that is read.
 const MOST_PIXELS: usize = 1 << 28;
@@ -43,6 +49,9 @@ pub(crate) struct CompareArgs {
     /// Write a picture of the differences: as PNG for the eye, as EXR with signed values
     #[arg(long, value_name = "OUT.png|OUT.exr")]
     difference: Option<PathBuf>,
+    /// Write the errors of FLIP as a picture, of EXR pictures those of HDR-FLIP: as PNG in colours, as EXR in numbers
+    #[arg(long, value_name = "OUT.png|OUT.exr")]
+    flip: Option<PathBuf>,
     /// What is added to the square of the reference in relMSE
     #[arg(long, value_name = "E", default_value_t = EPSILON, value_parser = crate::args::positive)]
     epsilon: f64,
@@ -61,6 +70,10 @@ struct Report {
     epsilon: f64,
     /// Nothing for pictures smaller than a window.
     ssim: Option<f64>,
+    /// Mean error as the eye sees it, of what a screen shows.
+    flip: f64,
+    /// The same of radiance; nothing for what is none.
+    hdr_flip: Option<f64>,
     /// Mean luminances of both.
     means: [f64; 2],
 }
@@ -74,7 +87,9 @@ pub(crate) struct Read {
 
 /// Runs the command.
 pub(crate) fn run(args: CompareArgs) -> Result<()> {
-    let difference = args.difference.as_deref().map(Difference::check).transpose()?;
+    let place = |option, path: &Option<PathBuf>| path.as_deref().map(|path| Place::check(option, path)).transpose();
+    let difference = place("--difference", &args.difference)?;
+    let error_map = place("--flip", &args.flip)?;
     let [a, b] = [&args.picture, &args.reference].map(|path| read(path));
     let (a, b) = (a?, b?);
     let [name_a, name_b] = [&args.picture, &args.reference].map(|path| path.display().to_string());
@@ -86,16 +101,36 @@ pub(crate) fn run(args: CompareArgs) -> Result<()> {
     a.pixels.check_size(&name_a, &b.pixels, &name_b)?;
     let curve = (!b.is_display).then(|| ToneCurve::fit(&b.pixels.values));
     let grey = |pixels: &Pixels| pixels.grey(curve.as_ref());
+    let width = a.pixels.width as usize;
+    let [shown_a, shown_b] = [&a, &b].map(|read| read.pixels.shown(curve.as_ref()));
+    let seen = flip::ldr(&shown_a, &shown_b, width);
+    let radiance = |read: &Read| {
+        read.pixels
+            .values
+            .iter()
+            .map(|pixel| pixel.to_rgb())
+            .collect::<Vec<_>>()
+    };
+    let seen_hdr = curve.as_ref().map(|_| flip::hdr(&radiance(&a), &radiance(&b), width));
     let report = Report {
         width: a.pixels.width,
         height: a.pixels.height,
         errors: a.pixels.errors(&b.pixels, args.epsilon),
         epsilon: args.epsilon,
-        ssim: ssim(&grey(&a.pixels), &grey(&b.pixels), a.pixels.width as usize),
+        ssim: ssim(&grey(&a.pixels), &grey(&b.pixels), width),
+        flip: seen.mean(),
+        hdr_flip: seen_hdr.as_ref().map(ErrorMap::mean),
         means: [a.pixels.mean(), b.pixels.mean()],
     };
-    if let Some(difference) = difference {
-        difference.write(&a.pixels, &b.pixels, args.epsilon)?;
+    if let Some(Place { file, is_exr }) = difference {
+        file.write(&match is_exr {
+            true => signed(&a.pixels, &b.pixels)?,
+            false => coloured(&a.pixels, &b.pixels, args.epsilon)?,
+        })?;
+    }
+    if let Some(place) = error_map {
+        let errors = seen_hdr.unwrap_or(seen);
+        place.file.write(&map(&errors, width, place.is_exr)?)?;
     }
     match args.json {
         true => say::json(&report),
@@ -110,8 +145,10 @@ impl Report {
             None => "unknown: the pictures are smaller than its window of 11 by 11 pixels".to_owned(),
         };
         let [mean, reference] = self.means;
+        let hdr = self.hdr_flip.map(|error| format!(", HDR-FLIP {error:.6}"));
+        let flip = format!("{:.6}{}", self.flip, hdr.unwrap_or_default());
         format!(
-            "MSE     {:.6e}\nrelMSE  {:.6e}  with epsilon {}\nSSIM    {ssim}\nmean luminance {mean:.6} and {reference:.6}, {} by {} pixels",
+            "MSE     {:.6e}\nrelMSE  {:.6e}  with epsilon {}\nSSIM    {ssim}\nFLIP    {flip}\nmean luminance {mean:.6} and {reference:.6}, {} by {} pixels",
             self.errors.mse, self.errors.relmse, self.epsilon, self.width, self.height
         )
     }
@@ -163,30 +200,22 @@ fn read_png(bytes: &[u8]) -> Result<Read> {
     })
 }
 
-/// Where a picture of differences goes.
-struct Difference {
+/// Where a picture of differences or errors goes.
+struct Place {
     file: OutputFile,
     is_exr: bool,
 }
 
-impl Difference {
-    fn check(path: &Path) -> Result<Self> {
+impl Place {
+    fn check(option: &str, path: &Path) -> Result<Self> {
         let end = path.extension().map(|end| end.to_string_lossy().to_lowercase());
         let is_exr = match end.as_deref() {
             Some("exr") => true,
             Some("png") => false,
-            _ => bail!("--difference {}: name a file that ends in png or exr", path.display()),
+            _ => bail!("{option} {}: name a file that ends in png or exr", path.display()),
         };
         let file = OutputFile::check(path)?;
         Ok(Self { file, is_exr })
-    }
-
-    fn write(&self, a: &Pixels, b: &Pixels, epsilon: f64) -> Result<()> {
-        let bytes = match self.is_exr {
-            true => signed(a, b)?,
-            false => coloured(a, b, epsilon)?,
-        };
-        self.file.write(&bytes)
     }
 }
 
@@ -196,6 +225,16 @@ fn signed(a: &Pixels, b: &Pixels) -> Result<Vec<u8>> {
         let (a, b) = (a.values[index].to_rgb(), b.values[index].to_rgb());
         std::array::from_fn(|channel| a[channel] - b[channel])
     })
+}
+
+/// A map of errors: as OpenEXR in numbers, as PNG in colours.
+fn map(errors: &ErrorMap, width: usize, is_exr: bool) -> Result<Vec<u8>> {
+    let (values, height) = (&errors.0, errors.0.len() / width.max(1));
+    if is_exr {
+        return plain_exr(width as u32, height as u32, |index| [values[index]; 3]);
+    }
+    let samples: Vec<u8> = values.iter().flat_map(|error| magma::colour(*error)).collect();
+    png_of(width as u32, height as u32, &samples)
 }
 
 /// The difference of luminance over what relMSE divides by: red where the first is brighter, blue where it is darker.
@@ -210,9 +249,13 @@ fn coloured(a: &Pixels, b: &Pixels, epsilon: f64) -> Result<Vec<u8>> {
         }
     };
     let samples: Vec<u8> = a.values.iter().zip(&b.values).flat_map(colour).collect();
+    png_of(a.width, a.height, &samples)
+}
+
+fn png_of(width: u32, height: u32, samples: &[u8]) -> Result<Vec<u8>> {
     let mut file = Cursor::new(Vec::new());
     let kind = image::ExtendedColorType::Rgb8;
-    image::write_buffer_with_format(&mut file, &samples, a.width, a.height, kind, image::ImageFormat::Png)?;
+    image::write_buffer_with_format(&mut file, samples, width, height, kind, image::ImageFormat::Png)?;
     Ok(file.into_inner())
 }
 
@@ -245,6 +288,19 @@ mod tests {
     }
 
     #[test]
+    fn error_maps_are_numbers_or_colours() {
+        let errors = ErrorMap(vec![0.0, 0.5, 1.0]);
+        let numbers = read_exr(&map(&errors, 3, true).unwrap()).unwrap().pixels;
+        let red: Vec<f32> = numbers.values.iter().map(|p| p.to_rgb()[0]).collect();
+        assert_eq!(red, errors.0);
+        let png = image::load_from_memory(&map(&errors, 3, false).unwrap())
+            .unwrap()
+            .to_rgb8();
+        let colours = [0, 1, 2].map(|x| png.get_pixel(x, 0).0);
+        assert_eq!(colours, [[0, 0, 4], [183, 55, 121], [252, 253, 191]]);
+    }
+
+    #[test]
     fn what_cannot_be_compared_is_refused_with_advice() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
@@ -263,6 +319,7 @@ mod tests {
                 picture: at(a),
                 reference: at(b),
                 difference: difference.map(at),
+                flip: None,
                 epsilon: EPSILON,
                 json: false,
             };

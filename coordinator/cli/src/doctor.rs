@@ -284,7 +284,7 @@ async fn store_something(client: &Client) -> Finding {
     };
     let stored = async {
         client.announce(&manifest).await?;
-        client.upload(entry.hash, &FILE.into()).await
+        client.upload(entry.hash, &FILE.into(), |_| {}).await
     };
     match stored.await {
         Ok(()) => Finding::ok("storing", "a file was stored"),

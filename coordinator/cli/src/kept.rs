@@ -3,13 +3,21 @@
 
 use crate::output::PictureFiles;
 use anyhow::{Context, Result, bail};
+use photonfarm_proto::id::BlobHash;
+use serde::{Deserialize, Serialize};
+use std::convert::Infallible;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// What is in every folder of a farm.
 const STATE: &str = "farm.sqlite";
+/// How long the work in a folder took, as JSON.
+const SPENT: &str = "spent.json";
+/// How often that is noted: a process that is killed loses no more.
+pub(crate) const NOTED_EVERY: Duration = Duration::from_secs(1);
 
 /// The folder of a render's farm.
 pub(crate) enum FarmFolder {
@@ -32,11 +40,15 @@ impl FarmFolder {
 
     /// The folder of the render of a picture: what an earlier one left there is gone on from.
     pub(crate) fn of(output: &Path) -> Result<Self> {
-        let folder = folder_of(&partial(output));
+        Self::at(folder_of(&partial(output)))
+    }
+
+    /// A folder in which an earlier command may have left its work.
+    pub(crate) fn at(folder: PathBuf) -> Result<Self> {
         let empty = || fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_none());
         if folder.exists() && !folder.join(STATE).is_file() && !empty() {
             bail!(
-                "{} is in the way: no interrupted render left it; move it, or choose another name for the picture",
+                "{} is in the way: no interrupted render left it; move it, or choose another name for what is to be written",
                 folder.display()
             );
         }
@@ -88,6 +100,66 @@ impl FarmFolder {
         }
         Ok(())
     }
+}
+
+/// Time that goes into a piece of work, those of earlier commands included. It lies in the work's folder.
+pub(crate) struct Spent {
+    path: PathBuf,
+    kept: SpentFile,
+    since: Instant,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SpentFile {
+    /// Hash of what is worked on: time that went into something else does not count.
+    work: String,
+    seconds: f64,
+}
+
+impl Spent {
+    /// What earlier commands have spent on this `work` in the folder.
+    pub(crate) fn on(folder: &Path, work: &impl Serialize) -> Result<Self> {
+        let path = folder.join(SPENT);
+        let work = BlobHash::of(&serde_json::to_vec(work)?).to_string();
+        let read = || serde_json::from_slice::<SpentFile>(&fs::read(&path).ok()?).ok();
+        let known = read().filter(|known| known.work == work && known.seconds >= 0.0);
+        Ok(Self {
+            kept: known.unwrap_or(SpentFile { work, seconds: 0.0 }),
+            path,
+            since: Instant::now(),
+        })
+    }
+
+    /// How long earlier commands took.
+    pub(crate) fn before(&self) -> Duration {
+        Duration::try_from_secs_f64(self.kept.seconds).unwrap_or(Duration::MAX)
+    }
+
+    /// Notes how long it is by now. A folder that cannot be written shows soon enough by other means.
+    pub(crate) fn note(&self) {
+        let now = SpentFile {
+            work: self.kept.work.clone(),
+            seconds: self.kept.seconds + self.since.elapsed().as_secs_f64(),
+        };
+        if let Err(error) = write(&self.path, &now) {
+            tracing::debug!("the time spent is not kept: {error:#}");
+        }
+    }
+
+    /// Notes it again and again.
+    pub(crate) async fn keep(&self) -> Infallible {
+        loop {
+            self.note();
+            tokio::time::sleep(NOTED_EVERY).await;
+        }
+    }
+}
+
+/// Writes a value into a folder of work, whole or not at all.
+pub(crate) fn write(path: &Path, value: &impl Serialize) -> Result<()> {
+    let staged = path.with_extension("new");
+    fs::write(&staged, serde_json::to_vec(value)?)?;
+    Ok(fs::rename(staged, path)?)
 }
 
 /// A folder of this process.
@@ -196,6 +268,21 @@ mod tests {
         fs::write(folder.path().join("a.partial.farm/mine"), "").unwrap();
         let error = FarmFolder::of(&output).err().unwrap().to_string();
         assert!(error.contains("in the way"), "{error}");
+    }
+
+    #[test]
+    fn time_counts_for_the_same_work_alone() {
+        let folder = temporary().unwrap();
+        let first = Spent::on(folder.path(), &"picture").unwrap();
+        assert_eq!(first.before(), Duration::ZERO);
+        first.note();
+        let second = Spent::on(folder.path(), &"picture").unwrap();
+        assert!(second.before() > Duration::ZERO);
+        second.note();
+        assert!(Spent::on(folder.path(), &"picture").unwrap().before() > second.before());
+        assert_eq!(Spent::on(folder.path(), &"another").unwrap().before(), Duration::ZERO);
+        fs::write(folder.path().join(SPENT), "{").unwrap();
+        assert_eq!(Spent::on(folder.path(), &"picture").unwrap().before(), Duration::ZERO);
     }
 
     #[test]

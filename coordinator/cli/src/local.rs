@@ -1,9 +1,9 @@
 //! A coordinator and a worker in this process, which render a scene that is loaded already.
 
 use crate::client::Client;
-use crate::kept;
+use crate::kept::{self, Spent};
 use anyhow::{Context, Result, bail};
-use photonfarm_coordinator::scheduler::SchedulerConfig;
+use photonfarm_coordinator::scheduler::{Deadlines, SchedulerConfig};
 use photonfarm_coordinator::{Config, Coordinator};
 use photonfarm_proto::job::JobSpec;
 use photonfarm_worker::{BundleFiles, CancellationToken, Credentials, LoadedScene, Renderer, Worker, WorkerConfig};
@@ -28,6 +28,10 @@ pub(crate) struct LocalFarm<'a> {
     pub(crate) scene: Arc<dyn LoadedScene>,
     /// Threads of its worker.
     pub(crate) threads: usize,
+    /// When its jobs end [milliseconds since 1970], in place of what an earlier farm was told.
+    pub(crate) deadline_ms: Option<u64>,
+    /// Counts the time of the work.
+    pub(crate) spent: Spent,
 }
 
 /// Threads to render with: as many as are asked for, or one per processor.
@@ -50,6 +54,7 @@ impl LocalFarm<'_> {
             lease_target_ms: LEASE_TARGET_MS,
             lease_ttl_ms: LEASE_TTL_MS,
             reconnect_ms: 0,
+            deadlines: Deadlines::Replaced(self.deadline_ms),
             ..SchedulerConfig::default()
         };
         let config = Config {
@@ -68,11 +73,13 @@ impl LocalFarm<'_> {
         let mut working = tokio::spawn(worker.run(drain.clone()));
         let result = tokio::select! {
             result = work(&client) => result,
+            never = self.spent.keep() => match never {},
             ended = &mut working => match ended? {
                 Ok(()) => bail!("the worker ended before the job did"),
                 Err(error) => Err(error.into()),
             },
         };
+        self.spent.note();
         drain.cancel();
         if result.as_ref().is_ok_and(is_whole) {
             let _ = tokio::time::timeout(FAREWELL, &mut working).await;

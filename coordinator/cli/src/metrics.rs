@@ -12,7 +12,7 @@
 use anyhow::{Result, bail, ensure};
 use photonfarm_core::picture::ToneCurve;
 use photonfarm_core::spectrum::Spectrum;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Added to the square of the reference where nothing else is asked for: that of a dark grey of 0.1.
 pub(crate) const EPSILON: f64 = 0.01;
@@ -33,7 +33,7 @@ pub(crate) struct Pixels {
 }
 
 /// How far two pictures are from each other.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Errors {
     /// Mean squared error.
     pub(crate) mse: f64,
@@ -98,13 +98,19 @@ impl Pixels {
         sum / self.values.len().max(1) as f64
     }
 
+    /// Linear values as a screen shows them, under a tone curve where there is one.
+    pub(crate) fn shown(&self, curve: Option<&ToneCurve>) -> Vec<[f32; 3]> {
+        let shown = |pixel: &Spectrum| match curve {
+            Some(curve) => curve.apply(*pixel),
+            None => pixel.to_rgb(),
+        };
+        self.values.iter().map(shown).collect()
+    }
+
     /// Grey values between 0 and 1 as a screen shows them: in sRGB, under a tone curve where there is one.
     pub(crate) fn grey(&self, curve: Option<&ToneCurve>) -> Vec<f64> {
-        let shown = |pixel: &Spectrum| match curve {
-            Some(curve) => Spectrum::from_rgb(curve.apply(*pixel)),
-            None => *pixel,
-        };
-        let values = self.values.iter().map(|pixel| shown(pixel).luminance());
+        let shown = self.shown(curve);
+        let values = shown.into_iter().map(|pixel| Spectrum::from_rgb(pixel).luminance());
         values.map(|value| encoded(value.clamp(0.0, 1.0).into())).collect()
     }
 }

@@ -1,5 +1,6 @@
 //! Files that appear whole or not at all.
 
+use crate::download::Part;
 use anyhow::{Context, Result, bail};
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use std::io::{Cursor, Write};
@@ -96,6 +97,11 @@ impl PictureFiles {
     pub(crate) fn write(&self, exr: &[u8], png: &[u8]) -> Result<()> {
         self.exr.write(exr)?;
         self.png.write(png)
+    }
+
+    /// What has arrived of both, kept beside them.
+    pub(crate) fn parts(&self) -> Result<[Part; 2]> {
+        Ok([Part::beside(&self.exr.path)?, Part::beside(&self.png.path)?])
     }
 
     /// Both names, for messages.

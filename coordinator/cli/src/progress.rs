@@ -1,15 +1,15 @@
 //! How far a job has come: a bar on a terminal, a few lines elsewhere.
 
 use crate::say::tell;
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use photonfarm_proto::job::JobStatus;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Least time between two lines where there is no terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
-/// Bytes that are sent and fetched without a bar.
-const FEW_BYTES: u64 = 4 << 20;
+/// How long bytes are sent and fetched without a bar.
+const MOMENT: Duration = Duration::from_secs(1);
 const TEMPLATE: &str = "{bar:24} {pos}/{len} iterations{msg}";
 
 /// Shows progress on standard error.
@@ -86,14 +86,46 @@ impl Progress {
     }
 }
 
-/// A bar for bytes that are sent or fetched; hidden where they are few or nobody looks.
-pub(crate) fn transfer(what: &'static str, bytes: u64) -> ProgressBar {
-    if !is_shown_live() || bytes < FEW_BYTES {
-        return ProgressBar::hidden();
+/// Bytes on their way: a bar, where somebody looks and it takes longer than a moment.
+pub(crate) struct Transfer {
+    bar: ProgressBar,
+    started: Instant,
+    shown: bool,
+}
+
+impl Transfer {
+    /// So many bytes are to be moved in all, of which some were before.
+    pub(crate) fn start(what: &'static str, bytes: u64, before: u64) -> Self {
+        let template = match bytes {
+            0 => "{msg} {bytes}, {bytes_per_sec}",
+            _ => "{msg} {bar:24} {bytes} of {total_bytes}, {bytes_per_sec}, {eta} left",
+        };
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::hidden().with_style(style).with_message(what);
+        bar.set_length(bytes);
+        bar.set_position(before);
+        bar.reset_eta();
+        Self {
+            bar,
+            started: Instant::now(),
+            shown: false,
+        }
     }
-    let style = ProgressStyle::with_template("{msg} {bar:24} {bytes} of {total_bytes}, {bytes_per_sec}, {eta} left");
-    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(bytes).with_style(style).with_message(what)
+
+    /// So many were moved by now.
+    pub(crate) fn at(&mut self, bytes: u64) {
+        if !self.shown && self.started.elapsed() > MOMENT && is_shown_live() {
+            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+            self.shown = true;
+        }
+        self.bar.set_position(bytes);
+    }
+}
+
+impl Drop for Transfer {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
 }
 
 /// Whether somebody looks at a terminal.

@@ -3,7 +3,7 @@
 use crate::args::RenderArgs;
 use crate::client::Client;
 use crate::job::PreparedJob;
-use crate::kept::{self, FarmFolder};
+use crate::kept::{self, FarmFolder, Spent};
 use crate::local::{self, LocalFarm};
 use crate::output::{OutputFile, PictureFiles};
 use crate::say;
@@ -16,6 +16,7 @@ use photonfarm_core::scene::Scene;
 use photonfarm_proto::RENDERER;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobState, JobStatus};
+use photonfarm_proto::schedule::StopReason;
 use photonfarm_worker::{CoreScene, LoadedScene};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,18 +26,20 @@ use std::time::{Duration, Instant};
 pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let started = Instant::now();
     let output = Output::check(&args)?;
+    let screen = args.show.screen()?;
     let stats = args.stats.as_deref().map(OutputFile::check).transpose()?;
     let (mut job, scene) = PreparedJob::new(&args.job)?;
-    job.spec.schedule.deadline_ms = args.within.map(deadline).transpose()?;
     job.spec.schedule.noise_target = args.noise_target;
     let load_seconds = started.elapsed().as_secs_f64();
-    // A deadline is one of this process: there is nothing to go on with later.
-    let (farm, earlier) = match (&args.job.from, args.within) {
-        (None, None) => (FarmFolder::of(&args.output)?, Earlier::Replaced),
-        (from, _) => (FarmFolder::beside(from.as_deref())?, Earlier::Expected),
+    let (farm, earlier) = match &args.job.from {
+        None => (FarmFolder::of(&args.output)?, Earlier::Replaced),
+        Some(from) => (FarmFolder::beside(Some(from.as_path()))?, Earlier::Expected),
     };
     let partial = args.job.from.clone().unwrap_or_else(|| kept::partial(&args.output));
     let leaves_partial = farm.holds_earlier() && partial != args.output;
+    let spent = spent_on(farm.path(), &job.spec)?.before();
+    let left = args.within.map(|within| within.saturating_sub(spent));
+    job.spec.schedule.deadline_ms = left.map(deadline).transpose()?;
     let runtime = tokio::runtime::Runtime::new()?;
     let threads = local::threads(args.threads);
     let interrupt = tokio::signal::ctrl_c();
@@ -71,6 +74,9 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     }
     say::tell(format_args!("{}: {}", output.names, submit::in_words(&rendered.exr)?));
     submit::tell_if_black(&rendered.exr, Some(&scene.scene))?;
+    if let Some(screen) = screen {
+        screen.show(&rendered.png)?;
+    }
     if let Some(stats) = stats {
         let wall_seconds = started.elapsed().as_secs_f64();
         stats.write(&Stats::new(&rendered.status, threads, wall_seconds, load_seconds).to_json()?)?;
@@ -184,6 +190,13 @@ enum Earlier {
     Replaced,
 }
 
+/// The time that went into a picture; until when it may go on is no part of what it is.
+fn spent_on(farm: &Path, spec: &JobSpec) -> Result<Spent> {
+    let mut work = spec.clone();
+    work.schedule.deadline_ms = None;
+    Spent::on(farm, &work)
+}
+
 /// Renders a job in the data folder `farm`, in which an earlier render may have left a part of it, until it is done or `interrupt`
 /// comes.
 async fn render(
@@ -215,6 +228,8 @@ async fn render(
         folder: farm,
         scene,
         threads,
+        deadline_ms: job.spec.schedule.deadline_ms,
+        spent: spent_on(farm, &job.spec)?,
     };
     local.run(work, |ending| matches!(ending, Ending::Complete(_))).await
 }
@@ -236,8 +251,19 @@ async fn begin(client: &Client, job: &PreparedJob, farm: &Path, earlier: Earlier
         }
         Earlier::Replaced => {
             let built_alike = begun.renderer.as_ref().is_none_or(|build| build == RENDERER);
-            let goes_on = !begun.state.ended() || begun.state == JobState::Done;
-            begun.spec == job.spec && built_alike && goes_on
+            let until = job.spec.schedule.deadline_ms;
+            let goes_on = match &begun.stop {
+                // There is more time now than there was.
+                Some(stop) if stop.reason == StopReason::Deadline => {
+                    let now = deadline(Duration::ZERO)?;
+                    until.is_some_and(|until| until <= now)
+                }
+                _ => !begun.state.ended() || begun.state == JobState::Done,
+            };
+            let mut asked = begun.spec.clone();
+            asked.iterations = begun.stop.map_or(asked.iterations, |stop| stop.asked);
+            asked.schedule.deadline_ms = until;
+            asked == job.spec && built_alike && goes_on
         }
     };
     if is_same {

@@ -6,6 +6,7 @@ use anyhow::{Context, Result, anyhow};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::service::Keep;
 use photonfarm_coordinator::{Config, Coordinator, TlsFiles, WebhookConfig, WebhookSecret};
+use photonfarm_worker::Exporter;
 use std::io::ErrorKind;
 use std::path::Path;
 use tokio::net::TcpListener;
@@ -30,6 +31,9 @@ async fn serve(args: ServeArgs) -> Result<()> {
             ),
         })?;
     let stop = stop_signal()?;
+    let otlp = args.otlp.filter(|url| !url.is_empty());
+    let exporter = otlp.map(|url| Exporter::start(&url, "photonfarm-coordinator", &args.listen));
+    let exporter = exporter.transpose()?;
     let mut config = Config {
         tls: args
             .tls_cert
@@ -55,6 +59,7 @@ async fn serve(args: ServeArgs) -> Result<()> {
             ..WebhookConfig::default()
         },
         audit_log: args.audit_log,
+        tracer: exporter.as_ref().map(Exporter::tracer).unwrap_or_default(),
         ..Config::new(args.data.unwrap_or_default())
     };
     config.state = args.state.unwrap_or(config.state);
@@ -73,6 +78,9 @@ async fn serve(args: ServeArgs) -> Result<()> {
     }
     tracing::info!("stopping; jobs go on when the coordinator is started again with the same stores");
     coordinator.shutdown().await;
+    if let Some(exporter) = exporter {
+        exporter.finish().await;
+    }
     Ok(())
 }
 

@@ -65,6 +65,14 @@ pub(crate) struct ServeArgs {
     /// SIGHUP opens it again [default: none]
     #[arg(long, value_name = "FILE", env = "PHOTONFARM_AUDIT_LOG")]
     pub(crate) audit_log: Option<PathBuf>,
+    /// Send spans of the work on each job to this collector of OpenTelemetry, by OTLP over HTTP, such as http://127.0.0.1:4318
+    #[arg(
+        long,
+        value_name = "URL",
+        env = "OTEL_EXPORTER_OTLP_ENDPOINT",
+        hide_env_values = true
+    )]
+    pub(crate) otlp: Option<String>,
     /// Format of the log; RUST_LOG chooses what it tells
     #[arg(long, value_enum, default_value_t = LogFormat::Text)]
     pub(crate) log_format: LogFormat,

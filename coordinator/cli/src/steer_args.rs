@@ -1,6 +1,7 @@
 //! The command line of what looks at a farm and steers it.
 
 use crate::farm_args::{CredentialArgs, FarmArgs};
+use crate::show::ShowArgs;
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand, ValueEnum};
 use photonfarm_proto::id::{JobId, WorkerId};
@@ -136,8 +137,10 @@ pub(crate) struct FetchArgs {
     #[arg(value_name = "JOB")]
     pub(crate) job: JobId,
     /// Picture to write, with a PNG beside it
-    #[arg(short, long, value_name = "OUT.exr")]
-    pub(crate) output: PathBuf,
+    #[arg(short, long, value_name = "OUT.exr", required_unless_present = "show")]
+    pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) show: ShowArgs,
     #[command(flatten)]
     pub(crate) farm: FarmArgs,
 }

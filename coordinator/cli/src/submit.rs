@@ -5,7 +5,7 @@ use crate::client::{Client, other_farm};
 use crate::frames::picture_of;
 use crate::job::PreparedJob;
 use crate::output::PictureFiles;
-use crate::progress::{Progress, is_shown_live, transfer};
+use crate::progress::{Progress, Transfer, is_shown_live};
 use crate::say;
 use crate::steer_args::{FetchArgs, WaitArgs};
 use anyhow::{Context, Result, bail, ensure};
@@ -169,10 +169,15 @@ pub(crate) fn wait(args: WaitArgs) -> Result<()> {
 /// Runs the command `fetch`.
 pub(crate) fn fetch_picture(args: FetchArgs) -> Result<()> {
     tokio::runtime::Runtime::new()?.block_on(async {
-        let output = PictureFiles::check(&args.output)?;
+        let output = args.output.as_deref().map(PictureFiles::check).transpose()?;
+        let screen = args.show.screen()?;
         let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
         client.connect().await?;
-        fetch(&client, &client.status(args.job).await?, &output, None).await
+        let png = match output {
+            Some(output) => fetch(&client, &client.status(args.job).await?, &output, None).await?,
+            None => client.image(args.job, "png").await?,
+        };
+        screen.map_or(Ok(()), |screen| screen.show(&png))
     })
 }
 
@@ -224,7 +229,7 @@ async fn await_picture(
         }
     };
     match output {
-        Some(output) => fetch(client, &status, &output, scene).await,
+        Some(output) => fetch(client, &status, &output, scene).await.map(drop),
         None => Ok(()),
     }
 }
@@ -233,7 +238,12 @@ async fn await_picture(
 pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus> {
     let reply = client.announce(&job.manifest).await?;
     let contents = reply.missing.iter().filter_map(|hash| job.contents.get(hash));
-    let bar = transfer("sending", contents.map(|bytes| bytes.len() as u64).sum());
+    let shown = RefCell::new(Transfer::start(
+        "sending",
+        contents.map(|bytes| bytes.len() as u64).sum(),
+        0,
+    ));
+    let mut before = 0;
     for hash in reply.missing {
         let Some(bytes) = job.contents.get(&hash) else {
             bail!("the coordinator asks for {hash}, which is no file of the scene");
@@ -241,10 +251,11 @@ pub(crate) async fn send(client: &Client, job: &PreparedJob) -> Result<JobStatus
         let named = job.manifest.files.iter().find(|(_, file)| file.hash == hash);
         let name = named.map_or("a file", |(name, _)| name.as_str());
         let context = || format!("cannot send {name} ({} bytes)", bytes.len());
-        client.upload(hash, bytes).await.with_context(context)?;
-        bar.inc(bytes.len() as u64);
+        let told = |moved| shown.borrow_mut().at(before + moved);
+        client.upload(hash, bytes, told).await.with_context(context)?;
+        before += bytes.len() as u64;
     }
-    bar.finish_and_clear();
+    drop(shown);
     client.submit(&job.spec, &job.key).await
 }
 
@@ -301,15 +312,19 @@ pub(crate) fn ended_well(status: JobStatus) -> Result<JobStatus> {
     }
 }
 
-/// Writes the picture of a finished job.
-async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene: Option<&Scene>) -> Result<()> {
-    let exr = client.image(status.id, "exr").await?;
-    let png = client.image(status.id, "png").await?;
+/// Writes the picture of a job, and returns the PNG.
+async fn fetch(client: &Client, status: &JobStatus, output: &PictureFiles, scene: Option<&Scene>) -> Result<Vec<u8>> {
+    let [mut exr_part, mut png_part] = output.parts()?;
+    let exr = client.download(status.id, "exr", &mut exr_part).await?;
+    let png = client.download(status.id, "png", &mut png_part).await?;
     // The farm may have been restored between the job's end and now.
     check_same(status, &client.status(status.id).await?)?;
     output.write(&exr, &png)?;
+    exr_part.remove()?;
+    png_part.remove()?;
     say::tell(format_args!("{}: {}", output.names(), in_words(&exr)?));
-    tell_if_black(&exr, scene)
+    tell_if_black(&exr, scene)?;
+    Ok(png)
 }
 
 /// Says of a black picture that it is, and why if the scene is at hand.

@@ -2,6 +2,7 @@
 
 use crate::client::Client;
 use crate::farm_args::FarmArgs;
+use crate::show::ShowArgs;
 use crate::{say, steer, submit};
 use anyhow::Result;
 use clap::Args;
@@ -15,6 +16,8 @@ Examples:
       as `jobs` has it. Ctrl-C stops watching; the job goes on.
   photonfarm watch 7 --json | jq --unbuffered .iterations_done
       For programs: the job's status as a line of JSON whenever it changes.
+  photonfarm watch 7 --show
+      Shows the picture in the terminal at the end, where that can show pictures.
 
 It ends with 0 if the job is done, 3 if it failed and 4 if it was cancelled, as `wait` does.
 `wait` takes several jobs and fetches a picture.";
@@ -25,14 +28,17 @@ pub(crate) struct WatchArgs {
     #[arg(value_name = "JOB")]
     job: JobId,
     /// Print the job's status as a line of JSON whenever it changes
-    #[arg(long)]
+    #[arg(long, conflicts_with = "show")]
     json: bool,
+    #[command(flatten)]
+    show: ShowArgs,
     #[command(flatten)]
     farm: FarmArgs,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: WatchArgs) -> Result<()> {
+    let screen = args.show.screen()?;
     tokio::runtime::Runtime::new()?.block_on(async {
         let client = Client::new(&args.farm.coordinator, args.farm.credentials.load()?)?;
         client.connect().await?;
@@ -56,6 +62,9 @@ pub(crate) fn run(args: WatchArgs) -> Result<()> {
         };
         if !args.json {
             steer::show(&status, false)?;
+        }
+        if let Some(screen) = screen.filter(|_| status.iterations_done > 0) {
+            screen.show(&client.image(status.id, "png").await?)?;
         }
         submit::ended_well(status).map(drop)
     })

@@ -8,10 +8,16 @@ use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use photonfarm_proto::codec::{self, MESSAGE_BYTES, MESSAGE_MEDIA_TYPE, Message};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::{Context, TRACEPARENT};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::str::FromStr;
+
+/// The span that a request says it is part of.
+pub(super) fn span_of(headers: &HeaderMap) -> Option<Context> {
+    headers.get(TRACEPARENT)?.to_str().ok()?.parse().ok()
+}
 
 /// A JSON body.
 pub(super) struct JsonBody<T>(pub(super) T);

@@ -1,6 +1,6 @@
 //! Jobs: submit, follow, cancel, delete.
 
-use super::extract::{Id, JsonBody, Params};
+use super::extract::{Id, JsonBody, Params, span_of};
 use super::guard::{By, Steered};
 use super::listing::{JobOrder, Listing};
 use super::{ApiError, App};
@@ -13,6 +13,7 @@ use photonfarm_proto::history::JobHistory;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::now_ns;
 
 /// Longest idempotency key.
 const KEY_BYTES: usize = 255;
@@ -33,6 +34,7 @@ pub(super) async fn submit(
     headers: HeaderMap,
     JsonBody(spec): JsonBody<JobSpec>,
 ) -> Result<Response, ApiError> {
+    let (began_ns, asked_by) = (now_ns(), span_of(&headers));
     let key = headers
         .get(IDEMPOTENCY_KEY)
         .map(|value| value.to_str().map(str::to_owned));
@@ -47,6 +49,9 @@ pub(super) async fn submit(
         )
     };
     let (status, new) = service.submit_job(spec, key.ok_or_else(bad_key)?, &caller).await?;
+    if new {
+        service.trace_submission(&status, began_ns, asked_by);
+    }
     let location = [(header::LOCATION, format!("/v1/jobs/{}", status.id))];
     let code = if new { StatusCode::CREATED } else { StatusCode::OK };
     Ok((code, location, Json(status)).into_response())

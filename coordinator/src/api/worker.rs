@@ -1,6 +1,6 @@
 //! The worker protocol.
 
-use super::extract::{Framed, expect_media_type};
+use super::extract::{Framed, expect_media_type, span_of};
 use super::guard::{By, From};
 use super::spool::{LongBody, Spool};
 use super::{ApiError, App};
@@ -8,6 +8,7 @@ use crate::scheduler::Delivered;
 use crate::service::{Part, ServiceError};
 use axum::Extension;
 use axum::extract::{Request, State};
+use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use photonfarm_proto::check::CheckResult;
@@ -70,8 +71,9 @@ pub(super) async fn upload(
     request: Request,
 ) -> Result<Framed<NodeReply>, ApiError> {
     expect_media_type(request.headers(), MESSAGE_MEDIA_TYPE)?;
+    let asked_by = span_of(request.headers());
     let stream = request.into_body().into_data_stream();
-    let delivered = service.upload(stream, &caller.name).await;
+    let delivered = service.upload(stream, &caller.name, asked_by).await;
     note_images(&service, &delivered);
     let delivered = delivered?;
     Ok(Framed(NodeReply {
@@ -91,10 +93,11 @@ pub(super) async fn place(
 pub(super) async fn stored(
     State(service): State<App>,
     By(caller): By,
+    headers: HeaderMap,
     Framed(upload): Framed<NodeUpload>,
 ) -> Result<Framed<NodeReply>, ApiError> {
     service.check_worker(upload.worker, &caller.name).await?;
-    let delivered = service.stored(upload).await;
+    let delivered = service.stored(upload, span_of(&headers)).await;
     note_images(&service, &delivered);
     let delivered = delivered?;
     Ok(Framed(NodeReply {

@@ -36,6 +36,18 @@ pub struct SchedulerConfig {
     pub forget_worker_ms: Millis,
     /// Most workers of one token.
     pub most_workers: usize,
+    /// Deadlines of jobs that went on when the coordinator ended.
+    pub deadlines: Deadlines,
+}
+
+/// What becomes of the deadlines of jobs that an earlier coordinator has left.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Deadlines {
+    /// They stay: time goes by for a farm that rests, too.
+    #[default]
+    Kept,
+    /// All have this one, or none, from the start on: time counts only while there is a coordinator, and somebody else counts it.
+    Replaced(Option<Millis>),
 }
 
 impl Default for SchedulerConfig {
@@ -55,6 +67,7 @@ impl Default for SchedulerConfig {
             max_faults: 3,
             forget_worker_ms: 600_000,
             most_workers: 16_384,
+            deadlines: Deadlines::default(),
         }
     }
 }

@@ -360,6 +360,11 @@ impl Job {
             .map(|leaf| (leaf, self.failures[&leaf].as_slice()))
     }
 
+    /// The tokens of the leases held.
+    pub(crate) fn lease_tokens(&self) -> impl Iterator<Item = LeaseToken> + '_ {
+        self.leases.values().map(|lease| lease.record.token)
+    }
+
     /// The leases held.
     #[cfg(test)]
     pub(crate) fn leases_held(&self) -> Vec<HeldLease> {

@@ -43,7 +43,7 @@ mod tests;
 mod verify;
 mod workers;
 
-pub use config::{NonceKey, SchedulerConfig};
+pub use config::{Deadlines, NonceKey, SchedulerConfig};
 pub use deliver::{Delivered, Delivery};
 pub use figures::Figures;
 pub use grant::Asked;
@@ -154,7 +154,10 @@ impl Farm {
         for worker in snapshot.workers {
             farm.workers.register(worker, now);
         }
-        for record in snapshot.jobs {
+        for mut record in snapshot.jobs {
+            if let Deadlines::Replaced(deadline) = farm.config.deadlines {
+                record.control.schedule.deadline_ms = deadline;
+            }
             let mut job = Job::from_record(record, &farm.config);
             job.reconnect(&farm.config, now);
             farm.insert(job);

@@ -60,6 +60,9 @@ impl Service {
     async fn merge_all(self: &Arc<Self>, job: JobId) -> Result<(), ServiceError> {
         while let Some(merge) = self.next_merge(job).await? {
             let node = merge.node.key;
+            let mut span = self.begin_for(job, "merge");
+            span.fact("node", || node.to_string());
+            span.fact("parts", || merge.parts.len() as u64);
             let (service, runtime) = (self.clone(), Handle::current());
             let add = move || {
                 let (store, at_hand) = (&*service.stores.nodes, &service.at_hand);
@@ -71,6 +74,7 @@ impl Service {
             let bytes = match added.map_err(|_| ServiceError::Stopping)? {
                 Ok(bytes) => bytes,
                 Err(AddError::Unusable(Unusable { node, image, reason })) => {
+                    span.failed(&reason);
                     self.give_up(job, (node, image), reason).await?;
                     continue;
                 }

@@ -186,7 +186,7 @@ mod tests {
             scenes: blobs("scenes"),
             nodes: blobs("nodes"),
         };
-        let opened = Service::open(Limits::default(), SchedulerConfig::default(), stores).await;
+        let opened = Service::open(Limits::default(), SchedulerConfig::default(), stores, None).await;
         opened.unwrap()
     }
 

@@ -156,7 +156,7 @@ fn thin<T>(samples: &mut Vec<T>) {
 }
 
 /// What becomes of a lease that ends with these changes.
-fn outcome(job: &Job, token: LeaseToken, changes: &[Change]) -> LeaseOutcome {
+pub(super) fn outcome(job: &Job, token: LeaseToken, changes: &[Change]) -> LeaseOutcome {
     let Some(lease) = job.lease_record(token) else {
         return LeaseOutcome::Ended;
     };

@@ -33,6 +33,7 @@ mod stored;
 mod telling;
 #[cfg(test)]
 pub(crate) mod tests;
+mod trace;
 mod upload;
 mod views;
 mod waiters;
@@ -60,6 +61,7 @@ use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::limits::Limits;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::Tracer;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
@@ -115,6 +117,7 @@ pub struct Service {
     webhooks: Option<Webhooks>,
     /// There is something to tell.
     told: Notify,
+    tracer: Tracer,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
     /// Lines of the audit log that could not be written.
@@ -150,6 +153,17 @@ impl Service {
         scheduler: SchedulerConfig,
         stores: Stores,
         webhooks: Option<Webhooks>,
+    ) -> Result<Arc<Self>, ServiceError> {
+        Self::open_traced(limits, scheduler, stores, webhooks, Tracer::default()).await
+    }
+
+    /// As [`open`](Self::open); spans go to the tracer.
+    pub(crate) async fn open_traced(
+        limits: Limits,
+        scheduler: SchedulerConfig,
+        stores: Stores,
+        webhooks: Option<Webhooks>,
+        tracer: Tracer,
     ) -> Result<Arc<Self>, ServiceError> {
         let clock = Clock::new();
         clock.measure(&*stores.state).await?;
@@ -189,6 +203,7 @@ impl Service {
             log,
             webhooks,
             told: Notify::new(),
+            tracer,
             refused_connections: Arc::default(),
             audit_lost: Arc::default(),
             publishing: RwLock::default(),
@@ -352,6 +367,7 @@ impl Service {
     fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
         let garbage = garbage::superfluous(&cell.farm, changes);
         self.histories.before(&cell.farm, changes, now);
+        self.trace_changes(&cell.farm, changes, now);
         for change in changes {
             journal::note(&cell.farm, change);
             self.counts.note(change);

@@ -10,6 +10,7 @@ use crate::scheduler::{Delivered, Job, Refusal};
 use crate::store::{self, StoreError};
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{NodePlace, NodeUpload};
 use std::sync::Arc;
 
@@ -35,8 +36,12 @@ impl Service {
         Ok(url.map_or(NodePlace::Here, NodePlace::Url))
     }
 
-    /// A worker says that it has put a node to its place.
-    pub(crate) async fn stored(self: &Arc<Self>, upload: NodeUpload) -> Result<Delivered, ServiceError> {
+    /// A worker says, perhaps from within a span of its own, that it has put a node to its place.
+    pub(crate) async fn stored(
+        self: &Arc<Self>,
+        upload: NodeUpload,
+        asked_by: Option<Context>,
+    ) -> Result<Delivered, ServiceError> {
         let header = self.check_upload(&upload).await?;
         if self.foresee_stored(&upload).await? == Delivered::Duplicate {
             return self.deliver(delivery(&upload, true, 0), Millis::MAX).await;
@@ -44,6 +49,7 @@ impl Service {
         let service = self.clone();
         let task = async move {
             let mut delivery = delivery(&upload, true, store::new_copy()?);
+            let span = service.begin_commit(&delivery, asked_by);
             let publication = service.publication().await;
             let bytes = NodeHeader::BYTES as u64 + header.plane_bytes();
             let adopted = service
@@ -66,6 +72,7 @@ impl Service {
             delivery.unread = !first;
             let result = service.deliver(delivery.clone(), publication.last).await;
             drop(publication);
+            span.end(&result);
             service.after_delivery(&delivery, result).await
         };
         tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?

@@ -183,7 +183,7 @@ impl World {
     async fn send(&self, upload: &NodeUpload, image: &[u8]) -> Result<Delivered, ServiceError> {
         let body = [frame_upload(upload).unwrap().as_slice(), &image[NodeHeader::BYTES..]].concat();
         self.service
-            .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]), "")
+            .upload(stream::iter([Ok::<_, Infallible>(Bytes::from(body))]), "", None)
             .await
     }
 
@@ -445,7 +445,7 @@ pub(super) async fn put_and_say_so(
     bytes: Vec<u8>,
 ) -> Result<Delivered, ServiceError> {
     put_to(&place_url(world, upload).await?, bytes).await;
-    world.service.stored(upload.clone()).await
+    world.service.stored(upload.clone(), None).await
 }
 
 #[tokio::test]
@@ -455,7 +455,12 @@ async fn nodes_that_workers_store_are_believed_only_when_read() {
     let first = world.lease().await;
     let (upload, image) = world.rendered(&first);
 
-    let problem = world.service.stored(upload.clone()).await.unwrap_err().into_problem();
+    let problem = world
+        .service
+        .stored(upload.clone(), None)
+        .await
+        .unwrap_err()
+        .into_problem();
     assert_eq!(problem.code, ErrorCode::ContentMismatch, "nothing was put");
     let mut lie = image.clone();
     lie[40] ^= 1;
@@ -478,7 +483,7 @@ async fn nodes_that_workers_store_are_believed_only_when_read() {
         Delivered::Counted
     );
     assert_eq!(world.service.place(&upload).await.unwrap(), NodePlace::Known);
-    assert_eq!(world.service.stored(upload).await.unwrap(), Delivered::Duplicate);
+    assert_eq!(world.service.stored(upload, None).await.unwrap(), Delivered::Duplicate);
 
     let second = world.lease().await;
     let (upload, image) = world.rendered(&second);
@@ -514,7 +519,7 @@ async fn what_was_put_for_a_node_that_is_known_or_refused_is_removed() {
     let (upload, image) = world.rendered(&lease);
     let url = place_url(&world, &upload).await.unwrap();
     put_to(&url, image.clone()).await;
-    let stored = || world.service.stored(upload.clone());
+    let stored = || world.service.stored(upload.clone(), None);
     assert_eq!((stored().await.unwrap(), put_there()), (Delivered::Counted, 0));
 
     put_to(&url, image.clone()).await;
@@ -535,7 +540,7 @@ async fn what_was_put_for_a_node_that_is_known_or_refused_is_removed() {
     };
     world.service.release(release).await.unwrap();
     assert_eq!(put_there(), 1);
-    let refused = world.service.stored(upload).await.unwrap_err().into_problem();
+    let refused = world.service.stored(upload, None).await.unwrap_err().into_problem();
     assert_eq!((refused.code, put_there()), (ErrorCode::StaleLease, 0));
 }
 

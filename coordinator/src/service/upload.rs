@@ -11,6 +11,7 @@ use photonfarm_proto::codec;
 use photonfarm_proto::job::MOST_COUNTED;
 use photonfarm_proto::node::NodeHeader;
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{NodeUpload, UPLOAD_FRAME_BYTES};
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,8 +22,14 @@ const LONGEST_STALL: Duration = Duration::from_secs(30);
 const LINGER: Duration = Duration::from_secs(2);
 
 impl Service {
-    /// Receives a node: the framed announcement, then the planes. The worker is to have been registered with this token.
-    pub(crate) async fn upload<S, E>(self: &Arc<Self>, body: S, token: &str) -> Result<Delivered, ServiceError>
+    /// Receives a node: the framed announcement, then the planes. The worker is to have been registered with this token; it may ask
+    /// from within a span of its own.
+    pub(crate) async fn upload<S, E>(
+        self: &Arc<Self>,
+        body: S,
+        token: &str,
+        asked_by: Option<Context>,
+    ) -> Result<Delivered, ServiceError>
     where
         S: Stream<Item = Result<Bytes, E>> + Unpin,
         E: std::fmt::Display,
@@ -50,7 +57,7 @@ impl Service {
             image.take(piece).await?;
         }
         match image.end().await? {
-            Ok(image) => self.accept(delivery, image).await,
+            Ok(image) => self.accept(delivery, image, asked_by).await,
             // Its bytes came as they were sent, so that the network is not to blame.
             Err(error) => {
                 self.blame(&upload, &error.to_string()).await?;
@@ -94,13 +101,16 @@ impl Service {
         self: &Arc<Self>,
         delivery: Delivery,
         Arrived { staged, held }: Arrived,
+        asked_by: Option<Context>,
     ) -> Result<Delivered, ServiceError> {
         let service = self.clone();
         let task = async move {
+            let span = service.begin_commit(&delivery, asked_by);
             let publication = service.publication().await;
             staged.publish().await?;
             let result = service.deliver(delivery.clone(), publication.last).await;
             drop(publication);
+            span.end(&result);
             if let (Ok(Delivered::Counted), Some(held)) = (&result, held) {
                 service.at_hand.keep(delivery.digest, held);
             }

@@ -181,7 +181,7 @@ async fn a_failure_at_any_step_is_made_good_by_a_repeat_and_leaves_nothing() {
             let again = match step {
                 Step::Committed if kind == Kind::Objects => {
                     let (upload, _) = world.rendered(&lease);
-                    world.service.stored(upload).await
+                    world.service.stored(upload, None).await
                 }
                 _ => world.arrive(&lease).await,
             };

@@ -150,6 +150,7 @@ impl Service {
                 attempt,
                 expires_in_ms,
                 ends_in_ms: known.ms_left(now),
+                trace: self.trace_of(job).lease(token),
             },
             // Workers need none of these, and those of older builds may know other forms of them.
             spec: JobSpec {

@@ -15,6 +15,7 @@ use photonfarm_proto::memory::Shortage;
 use photonfarm_proto::node::{NodeKey, encode_node};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::rest::{Rest, RestReason};
+use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{
     Assignment, FailureReport, Heartbeat, Lease, LeaseProgress, LeaseReply, LeaseRequest, NodeUpload, Register,
 };
@@ -55,6 +56,7 @@ pub(super) fn messages() -> Vec<Vec<u8>> {
         attempt: 1,
         expires_in_ms: 30_000,
         ends_in_ms: Some(5_000),
+        trace: Context::of_job("farm", job),
     };
     vec![
         message(&Register {

@@ -4,6 +4,7 @@
 mod checks;
 mod commands;
 mod pictures;
+mod transfers;
 
 use photonfarm_proto::api::WorkerList;
 use photonfarm_proto::job::{JobState, JobStatus};

@@ -1,7 +1,7 @@
 //! Pictures that are gone on with, compared, and watched as they converge.
 
 use crate::scene;
-use photonfarm_tests::processes::{Process, photonfarm, printed};
+use photonfarm_tests::processes::{Process, photonfarm, printed, wait_for};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -43,6 +43,106 @@ fn a_render_that_was_killed_goes_on_by_the_same_command() {
     let again = ["render", text(&scene), "-o", text(&alone), "--iterations", "3"];
     printed(&photonfarm(&again));
     assert!(fs::read(output).unwrap() == fs::read(alone).unwrap());
+}
+
+#[test]
+fn time_before_an_interruption_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, output) = (scene("constant.xml"), folder.path().join("a.exr"));
+    let render = |within| {
+        let path = ["render", text(&scene), "-o", text(&output), "--threads", "1"];
+        [&path[..], &["--iterations", "1000000", "--within", within]].concat()
+    };
+    let first = Process::start("photonfarm", &render("1h"));
+    first.wait_for_error("rays/s");
+    let spent = folder.path().join("a.partial.farm/spent.json");
+    let seconds = || {
+        let spent: Value = serde_json::from_slice(&fs::read(&spent).ok()?).ok()?;
+        spent["seconds"].as_f64()
+    };
+    wait_for("a second of rendering", || seconds().filter(|seconds| *seconds >= 1.0));
+    first.signal("INT");
+    let (status, _, errors) = first.finish();
+    assert_eq!(status.code(), Some(130), "{errors}");
+    let before = seconds().unwrap();
+    // What is left of an hour and a second is an hour still; of less than was spent nothing is left, and nothing more is rendered.
+    let second = Process::start("photonfarm", &render("3601s"));
+    second.wait_for_error("going on after ");
+    wait_for("more time", || seconds().filter(|seconds| *seconds > before));
+    second.kill();
+    let third = photonfarm(&render("1s"));
+    let errors = String::from_utf8_lossy(&third.stderr);
+    assert!(third.status.success(), "{errors}");
+    assert!(errors.contains("going on after "), "{errors}");
+    assert!(output.exists() && !spent.exists());
+}
+
+#[test]
+fn a_curve_that_was_killed_goes_on_by_the_same_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = scene("environment.xml");
+    let settings = ["--integrator", "path", "--set", "samples=1", "-D", "res=16"];
+    let reference = at("reference.exr");
+    let render = [
+        "render",
+        text(&scene),
+        "-o",
+        text(&reference),
+        "--iterations",
+        "8",
+        "--seed",
+        "9",
+    ];
+    printed(&photonfarm(&[&render[..], &settings].concat()));
+    let converge = |output: &Path, iterations: &'static str| {
+        let path = output.to_str().unwrap().to_owned();
+        let mut arguments: Vec<String> = ["converge", text(&scene), "--reference", text(&reference), "-o"]
+            .map(str::to_owned)
+            .to_vec();
+        arguments.push(path);
+        arguments.extend(["--iterations", iterations].map(str::to_owned));
+        arguments.extend(settings.map(str::to_owned));
+        arguments
+    };
+    let curve = at("a.csv");
+    let first = Process::start("photonfarm", &converge(&curve, "1000000"));
+    first.wait_for_error("\n8/1000000 iterations");
+    first.kill();
+    assert!(at("a.converge.farm").is_dir() && !curve.exists());
+    let second = Process::start("photonfarm", &converge(&curve, "1000000"));
+    second.wait_for_error("going on after ");
+    let errors = second.errors();
+    let said: u32 = errors
+        .split("going on after ")
+        .nth(1)
+        .unwrap()
+        .split(' ')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(said >= 4, "{errors}");
+    second.wait_for_error(&format!("{}/1000000 iterations", 8 * said));
+    second.signal("INT");
+    let (status, _, errors) = second.finish();
+    assert_eq!(status.code(), Some(130), "{errors}");
+    assert!(errors.contains("give the same command again"), "{errors}");
+
+    let whole = at("whole.csv");
+    printed(&photonfarm(&converge(&whole, "8")));
+    let lines = |path: &Path| -> Vec<Vec<String>> {
+        let table = fs::read_to_string(path).unwrap();
+        let rows = table.lines().skip(1).take(4);
+        rows.map(|row| row.split(',').map(str::to_owned).collect()).collect()
+    };
+    let (pieced, whole) = (lines(&curve), lines(&whole));
+    let errors = |row: &[String]| [0, 2, 3].map(|column| row[column].clone());
+    assert_eq!(pieced.len(), 4);
+    for (pieced, whole) in pieced.iter().zip(&whole) {
+        assert_eq!(errors(pieced), errors(whole), "the same errors");
+    }
+    assert!(!at("whole.converge.farm").exists());
 }
 
 #[test]

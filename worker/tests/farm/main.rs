@@ -5,6 +5,7 @@ mod chains;
 mod checks;
 mod means;
 mod support;
+mod traces;
 
 use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_proto::waiting::Waiting;

@@ -12,11 +12,13 @@ use photonfarm_core::settings::{IntegratorSettings, PppmSettings, STATISTICS_PER
 use photonfarm_core::spectrum::Spectrum;
 use photonfarm_core::tree::Average;
 use photonfarm_proto::api::BundleReply;
+use photonfarm_proto::api::FARM;
 use photonfarm_proto::bundle::{BundleManifest, FileEntry};
 use photonfarm_proto::check::CheckAnswer;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::job::{BandwidthRange, JobSpec, JobState, JobStatus};
 use photonfarm_proto::schedule::Schedule;
+use photonfarm_proto::trace::{TRACEPARENT, Tracer};
 use photonfarm_test_servers::S3;
 use photonfarm_worker::{BundleFiles, CancellationToken, LoadedScene, Renderer, Worker, WorkerConfig, WorkerError};
 use std::collections::{BTreeMap, BTreeSet};
@@ -31,6 +33,8 @@ use tokio::task::JoinHandle;
 
 pub(crate) const SIZE: [u32; 2] = [8, 4];
 pub(crate) const SEED: u64 = 7;
+/// The span that jobs are submitted from.
+pub(crate) const SUBMITTER: &str = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
 const LONG_LEASE_MS: u64 = 3_600_000;
 const SHORT_LEASE_MS: u64 = 1_500;
 
@@ -211,25 +215,37 @@ pub(crate) struct Farm {
     /// Where bytes are, if not in a folder.
     pub(crate) s3: Option<S3>,
     pub(crate) http: reqwest::Client,
+    /// Where spans of coordinators and of workers go.
+    tracers: [Tracer; 2],
+    /// Which farm it is.
+    pub(crate) digits: String,
 }
 
 impl Farm {
     /// A farm whose leases outlast every test, however slow its machine is.
     pub(crate) async fn start() -> Self {
-        Self::start_with(LONG_LEASE_MS, None).await
+        Self::start_with(LONG_LEASE_MS, None, Default::default()).await
     }
 
     /// A farm that soon notices when a worker is gone, and tells workers soon what is no longer wanted.
     pub(crate) async fn start_with_short_leases() -> Self {
-        Self::start_with(SHORT_LEASE_MS, None).await
+        Self::start_with(SHORT_LEASE_MS, None, Default::default()).await
     }
 
     /// A farm whose bytes are objects.
     pub(crate) async fn start_on(s3: Option<S3>) -> Self {
-        Self::start_with(LONG_LEASE_MS, s3).await
+        Self::start_with(LONG_LEASE_MS, s3, Default::default()).await
     }
 
-    async fn start_with(lease_ms: u64, s3: Option<S3>) -> Self {
+    /// A farm whose coordinators and workers put their spans there.
+    pub(crate) async fn start_traced(tracers: [Tracer; 2]) -> Self {
+        let mut farm = Self::start_with(LONG_LEASE_MS, None, tracers).await;
+        let reply = farm.http.get(farm.url("jobs")).send().await.unwrap();
+        farm.digits = reply.headers()[FARM].to_str().unwrap().to_owned();
+        farm
+    }
+
+    async fn start_with(lease_ms: u64, s3: Option<S3>, tracers: [Tracer; 2]) -> Self {
         let mut farm = Self {
             stage: Arc::default(),
             folder: tempfile::tempdir().unwrap(),
@@ -238,6 +254,8 @@ impl Farm {
             lease_ms,
             s3,
             http: reqwest::Client::builder().no_proxy().build().unwrap(),
+            tracers,
+            digits: String::new(),
         };
         farm.resume().await;
         farm
@@ -265,6 +283,7 @@ impl Farm {
         config.scheduler.lease_ttl_ms = self.lease_ms;
         config.scheduler.reconnect_ms = LONG_LEASE_MS;
         config.scheduler.retry_ms = 10;
+        config.tracer = self.tracers[0].clone();
         config
     }
 
@@ -315,6 +334,7 @@ impl Farm {
         config.name = name.into();
         config.threads = 1;
         config.renderer = Arc::new(Double(self.stage.clone()));
+        config.tracer = self.tracers[1].clone();
         change(&mut config);
         let drain = CancellationToken::new();
         let task = tokio::spawn(Worker::new(config).unwrap().run(drain.clone()));
@@ -419,7 +439,14 @@ impl Farm {
             after: None,
             webhook: None,
         };
-        let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();
+        let reply = self
+            .http
+            .post(self.url("jobs"))
+            .header(TRACEPARENT, SUBMITTER)
+            .json(&spec)
+            .send()
+            .await
+            .unwrap();
         assert_eq!(reply.status(), 201);
         reply.json::<JobStatus>().await.unwrap().id
     }

@@ -178,7 +178,7 @@ fn what_is_said_after_the_lease_has_ended_counts_once_and_for_a_worker_that_was_
 fn memory_is_remembered_through_a_restart() {
     let mut farm = farm_of(&[Some(1000)], Schedule::default());
     let mut rows = crate::store::memory::Rows::default();
-    rows.apply(&Change::JobSubmitted(farm.job(JOB).unwrap().head().clone()));
+    rows.apply(&Change::JobSubmitted(Box::new(farm.job(JOB).unwrap().head().clone())));
     let lease = grant(&mut farm, 1, &[], 0).unwrap();
     rows.apply(&Change::LeaseGranted(lease.clone()));
     let delivery = Delivery {
