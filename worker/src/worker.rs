@@ -24,7 +24,7 @@ use photonfarm_proto::id::{BlobHash, WorkerId};
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::rest::{Rest, Resting};
-use photonfarm_proto::trace::{Context, Tracer};
+use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
     MOST_WARNINGS, Register, Registered, SceneReport, StatisticsRequest, cut_text,

@@ -147,7 +147,8 @@ enum Doubt {
 }
 
 impl Service {
-    /// Goes on from what the stores hold.
+    /// As [`open_traced`](Self::open_traced), without a tracer.
+    #[cfg(test)]
     pub(crate) async fn open(
         limits: Limits,
         scheduler: SchedulerConfig,
@@ -157,7 +158,7 @@ impl Service {
         Self::open_traced(limits, scheduler, stores, webhooks, Tracer::default()).await
     }
 
-    /// As [`open`](Self::open); spans go to the tracer.
+    /// Goes on from what the stores hold; spans go to the tracer.
     pub(crate) async fn open_traced(
         limits: Limits,
         scheduler: SchedulerConfig,
