@@ -31,6 +31,8 @@ pub enum ErrorCode {
     MethodNotAllowed,
     /// The body's media type is not the route's.
     UnsupportedMediaType,
+    /// The part of the file that was asked for is not there: the file is shorter.
+    RangeNotSatisfiable,
     /// The job names a bundle of which files are missing.
     BundleIncomplete,
     /// The bytes do not have the hash or size that was announced.
@@ -70,6 +72,7 @@ impl ErrorCode {
             Self::BundleIncomplete | Self::JobEnded | Self::JobGoesOn | Self::StaleLease | Self::ResultConflict => 409,
             Self::Limit => 413,
             Self::UnsupportedMediaType => 415,
+            Self::RangeNotSatisfiable => 416,
             Self::Invalid | Self::ContentMismatch | Self::IdempotencyKeyReused => 422,
             Self::VersionMismatch => 426,
             Self::TooManyRequests => 429,
@@ -92,6 +95,7 @@ impl ErrorCode {
             Self::NotFound => "There is no such thing here",
             Self::MethodNotAllowed => "The method is not allowed here",
             Self::UnsupportedMediaType => "The media type is not accepted here",
+            Self::RangeNotSatisfiable => "The file has no such part",
             Self::BundleIncomplete => "Files of the bundle are missing",
             Self::ContentMismatch => "The bytes are not those announced",
             Self::IdempotencyKeyReused => "The idempotency key belongs to another request",

@@ -1,21 +1,18 @@
-//! Jobs: submit, follow, cancel, delete, look at.
+//! Jobs: submit, follow, cancel, delete.
 
 use super::extract::{Id, JsonBody, Params};
 use super::guard::{By, Steered};
-use super::spool::{LongBody, Spool};
 use super::{ApiError, App};
-use crate::service::{ImageFormat, PictureFile};
+use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use axum::{Extension, Json};
 use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobLog, JobPage};
 use photonfarm_proto::history::JobHistory;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
 use serde::Deserialize;
-use std::sync::Arc;
 
 /// Most jobs on a page.
 const PAGE: u32 = 100;
@@ -131,76 +128,4 @@ pub(super) async fn cancel(State(service): State<App>, Steered(id): Steered) -> 
 pub(super) async fn remove(State(service): State<App>, Steered(id): Steered) -> Result<StatusCode, ApiError> {
     service.delete_job(id).await?;
     Ok(StatusCode::NO_CONTENT)
-}
-
-/// The image as it stands, as OpenEXR with metadata.
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.exr", operation_id = "get_job_exr", params(("id" = JobId, Path)),
-    responses((status = 200, content_type = "image/x-exr"), (status = 304), (status = "4XX", body = Problem))
-)]
-pub(super) async fn image_exr(
-    State(service): State<App>,
-    Extension(spool): Extension<Arc<Spool>>,
-    Id(id): Id<JobId>,
-    headers: HeaderMap,
-) -> Result<Response, ApiError> {
-    image(service, &spool, (id, ImageFormat::Exr), "image/x-exr", &headers).await
-}
-
-/// The image as it stands, as PNG by a tone curve.
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.png", operation_id = "get_job_png", params(("id" = JobId, Path)),
-    responses((status = 200, content_type = "image/png"), (status = 304), (status = "4XX", body = Problem))
-)]
-pub(super) async fn image_png(
-    State(service): State<App>,
-    Extension(spool): Extension<Arc<Spool>>,
-    Id(id): Id<JobId>,
-    headers: HeaderMap,
-) -> Result<Response, ApiError> {
-    image(service, &spool, (id, ImageFormat::Png), "image/png", &headers).await
-}
-
-/// The image as it stands, as plain numbers: the same as those of the OpenEXR file.
-///
-/// All are little-endian. First 32 bytes: the letters `photonf1`, pixels across and down (32-bit integers), iterations (64-bit
-/// integer), and the noise (64-bit float; NaN where unknown). Then for each pixel, row by row from the top left, four 32-bit floats:
-/// radiance in red, green and blue, and the standard error of the luminance (NaN where unknown).
-#[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.raw", operation_id = "get_job_raw", params(("id" = JobId, Path)),
-    responses((status = 200, content_type = "application/octet-stream"), (status = 304), (status = "4XX", body = Problem))
-)]
-pub(super) async fn image_raw(
-    State(service): State<App>,
-    Extension(spool): Extension<Arc<Spool>>,
-    Id(id): Id<JobId>,
-    headers: HeaderMap,
-) -> Result<Response, ApiError> {
-    let media_type = "application/octet-stream";
-    image(service, &spool, (id, ImageFormat::Raw), media_type, &headers).await
-}
-
-async fn image(
-    service: App,
-    spool: &Spool,
-    (id, format): (JobId, ImageFormat),
-    media_type: &'static str,
-    headers: &HeaderMap,
-) -> Result<Response, ApiError> {
-    let known = headers.get(header::IF_NONE_MATCH).and_then(|value| value.to_str().ok());
-    let make = async {
-        let picture = service.picture(id, format, known).await?;
-        let (status, body) = match picture.file {
-            PictureFile::Known => (StatusCode::NOT_MODIFIED, LongBody::None),
-            PictureFile::Made(bytes) => (StatusCode::OK, LongBody::Bytes(bytes)),
-            PictureFile::Kept(bytes, reader) => (StatusCode::OK, LongBody::Stored(bytes, reader)),
-        };
-        let head = [
-            (header::ETAG, picture.etag),
-            (header::CACHE_CONTROL, "no-cache".to_owned()),
-            (header::CONTENT_TYPE, media_type.to_owned()),
-        ];
-        Ok(((status, head).into_response(), body))
-    };
-    spool.answer(make).await
 }

@@ -6,6 +6,7 @@ mod events;
 mod extract;
 mod farm;
 mod guard;
+mod images;
 mod jobs;
 mod local;
 mod metrics;
@@ -156,9 +157,9 @@ fn read_routes() -> Routes {
     Routes::of(Some(&[Role::Read]))
         .get("/v1/jobs", jobs::list)
         .get("/v1/jobs/{id}", jobs::status)
-        .get("/v1/jobs/{id}/image.exr", jobs::image_exr)
-        .get("/v1/jobs/{id}/image.png", jobs::image_png)
-        .get("/v1/jobs/{id}/image.raw", jobs::image_raw)
+        .get("/v1/jobs/{id}/image.exr", images::exr)
+        .get("/v1/jobs/{id}/image.png", images::png)
+        .get("/v1/jobs/{id}/image.raw", images::raw)
         .get("/v1/jobs/{id}/events", events::events)
         .get("/v1/jobs/{id}/history", jobs::history)
         .get("/v1/jobs/{id}/log", jobs::log)

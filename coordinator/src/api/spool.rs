@@ -11,7 +11,7 @@ use std::io::{Seek, Write};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::fs::File;
-use tokio::io::AsyncRead;
+use tokio::io::{AsyncRead, AsyncReadExt};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::io::ReaderStream;
 
@@ -47,7 +47,7 @@ pub(super) enum LongBody {
     None,
     /// It was made for this answer.
     Bytes(Bytes),
-    /// So many bytes in the store.
+    /// So many bytes in the store, the first that the reader gives.
     Stored(u64, BlobReader),
 }
 
@@ -75,7 +75,7 @@ impl Spool {
             LongBody::None => return Ok(response),
             LongBody::Bytes(bytes) if bytes.len() <= SHORT => (bytes.len() as u64, bytes.into()),
             LongBody::Bytes(bytes) => (bytes.len() as u64, read_to_end(put_aside(bytes).await?, answer)),
-            LongBody::Stored(length, reader) => (length, read_to_end(reader, answer)),
+            LongBody::Stored(length, reader) => (length, read_to_end(reader.take(length), answer)),
         };
         response.headers_mut().insert(CONTENT_LENGTH, length.into());
         *response.body_mut() = body;

@@ -27,7 +27,11 @@ async fn a_deleted_job_leaves_nothing_behind_and_its_scene_goes_a_day_after_it_w
     for error in [
         service.delete_job(job).await.unwrap_err(),
         service.status(job).await.unwrap_err(),
-        service.picture(job, ImageFormat::Exr, None).await.err().unwrap(),
+        service
+            .picture(job, ImageFormat::Exr, &Wanted::default())
+            .await
+            .err()
+            .unwrap(),
     ] {
         assert_eq!(error.into_problem().code, ErrorCode::NotFound);
     }
@@ -101,12 +105,12 @@ async fn jobs_that_have_ended_are_deleted_once_they_are_old_or_take_too_much_roo
 
 async fn bytes_of(picture: Picture) -> Vec<u8> {
     match picture.file {
-        PictureFile::Known => Vec::new(),
-        PictureFile::Made(bytes) => bytes.into(),
-        PictureFile::Kept(length, mut reader) => {
+        PictureFile::Known | PictureFile::Beyond(_) => Vec::new(),
+        PictureFile::Made(_, bytes) => bytes.into(),
+        PictureFile::Kept(section, mut reader) => {
             let mut bytes = Vec::new();
             reader.read_to_end(&mut bytes).await.unwrap();
-            assert_eq!(bytes.len() as u64, length);
+            assert_eq!(bytes.len() as u64, section.of);
             bytes
         }
     }
@@ -121,8 +125,11 @@ async fn the_picture_of_a_job_that_has_ended_is_made_once_and_anew_where_it_is_d
         service.fold_all().await;
     }
     let fetch = async |made: bool| {
-        let picture = service.picture(job, ImageFormat::Exr, None).await.unwrap();
-        assert_eq!(matches!(picture.file, PictureFile::Made(_)), made);
+        let picture = service
+            .picture(job, ImageFormat::Exr, &Wanted::default())
+            .await
+            .unwrap();
+        assert_eq!(matches!(picture.file, PictureFile::Made(..)), made);
         bytes_of(picture).await
     };
     let kept = async || service.stores.state.pictures(job).await.unwrap();
@@ -155,7 +162,7 @@ async fn pictures_go_with_their_job() {
     let world = World::new(2).await;
     world.upload(&world.lease().await).await.unwrap();
     let (service, job) = (&world.service, world.job);
-    let fetch = async |format| bytes_of(service.picture(job, format, None).await.unwrap()).await;
+    let fetch = async |format| bytes_of(service.picture(job, format, &Wanted::default()).await.unwrap()).await;
     let before = fetch(ImageFormat::Exr).await;
     assert_eq!(world.blobs().await, 1, "a job that goes on has no picture to keep");
     service.cancel_job(job).await.unwrap();

@@ -1,6 +1,7 @@
 //! The image of a job at any time: the average over the nodes that count.
 
 use super::raw::encode_raw;
+use super::section::{Section, Wanted};
 use super::{Service, ServiceError, VERSION};
 use crate::scheduler::Job;
 use crate::store::BlobReader;
@@ -54,30 +55,32 @@ pub struct Picture {
 pub enum PictureFile {
     /// The client has it: it sent the same tag.
     Known,
+    /// It has so many bytes, and none where the client wants them.
+    Beyond(u64),
     /// It was just made.
-    Made(Bytes),
-    /// It was kept, with so many bytes.
-    Kept(u64, BlobReader),
+    Made(Section, Bytes),
+    /// It was kept. The reader begins where the section does, and may go on behind it.
+    Kept(Section, BlobReader),
 }
 
 impl Service {
-    /// The image as it stands, unless it still is the one that `known` names.
+    /// The image as it stands, unless the client knows it; or a part of it.
     pub async fn picture(
         self: &Arc<Self>,
         id: JobId,
         format: ImageFormat,
-        known: Option<&str>,
+        wanted: &Wanted<'_>,
     ) -> Result<Picture, ServiceError> {
         for _ in 0..ATTEMPTS {
             let job = self.find_job(id).await?;
             let etag = etag(&job, format);
-            if known.is_some_and(|known| matches_tag(known, &etag)) {
+            if wanted.is_known(&etag) {
                 let file = PictureFile::Known;
                 return Ok(Picture { etag, file });
             }
-            let file = match self.kept_picture(&job, format, &etag).await? {
-                Some((bytes, reader)) => Some(PictureFile::Kept(bytes, reader)),
-                None => self.make_picture(&job, format, &etag).await?,
+            let file = match self.kept_picture(&job, format, &etag, wanted).await? {
+                None => self.make_picture(&job, format, &etag, wanted).await?,
+                kept => kept,
             };
             if let Some(file) = file {
                 return Ok(Picture { etag, file });
@@ -92,14 +95,15 @@ impl Service {
         job: &Job,
         format: ImageFormat,
         etag: &str,
+        wanted: &Wanted<'_>,
     ) -> Result<Option<PictureFile>, ServiceError> {
         let kept_ms = job.ended_ms().filter(|_| format.is_kept());
         let _once = match kept_ms {
             Some(_) => Some(self.finishing.lock().await),
             None => None,
         };
-        if let Some((bytes, reader)) = self.kept_picture(job, format, etag).await? {
-            return Ok(Some(PictureFile::Kept(bytes, reader)));
+        if let Some(kept) = self.kept_picture(job, format, etag, wanted).await? {
+            return Ok(Some(kept));
         }
         let _permit = self.pictures.acquire().await.map_err(|_| ServiceError::Stopping)?;
         let Some(image) = self.average(job).await? else {
@@ -130,7 +134,13 @@ impl Service {
             self.keep_picture((job.id(), ended_ms), format, etag, bytes.clone())
                 .await;
         }
-        Ok(Some(PictureFile::Made(bytes)))
+        Ok(Some(match wanted.section(etag, bytes.len() as u64) {
+            Ok(section) => {
+                let part = bytes.slice(section.bytes.start as usize..section.bytes.end as usize);
+                PictureFile::Made(section, part)
+            }
+            Err(length) => PictureFile::Beyond(length),
+        }))
     }
 
     /// The average, with layers below the picture; nothing if a node was merged or given up meanwhile.
@@ -166,14 +176,6 @@ fn etag(job: &Job, format: ImageFormat) -> String {
     format!("\"{}\"", &BlobHash::from(hasher.finalize()).to_string()[..32])
 }
 
-/// Whether a header `If-None-Match` names the tag.
-fn matches_tag(header: &str, etag: &str) -> bool {
-    header
-        .split(',')
-        .map(str::trim)
-        .any(|tag| tag == "*" || tag.trim_start_matches("W/") == etag)
-}
-
 fn metadata(job: &Job) -> PictureMetadata {
     let spec = &job.head().spec;
     let bandwidth = job.totals().bandwidth;
@@ -195,18 +197,5 @@ fn metadata(job: &Job) -> PictureMetadata {
         sigma: bandwidth.map(|range| range.sigma),
         theta: bandwidth.and_then(|range| range.theta).filter(|_| has_angle),
         noise: None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tags_are_compared_as_http_says() {
-        assert!(matches_tag("\"a\"", "\"a\""));
-        assert!(matches_tag("W/\"b\", W/\"a\"", "\"a\""));
-        assert!(matches_tag("*", "\"a\""));
-        assert!(!matches_tag("\"b\"", "\"a\""));
     }
 }

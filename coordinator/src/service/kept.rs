@@ -1,38 +1,44 @@
 //! Pictures of jobs that have ended: each is made once, and kept beside the images of nodes until the job is deleted or
 //! goes on.
 
-use super::image::ImageFormat;
+use super::image::{ImageFormat, PictureFile};
+use super::section::Wanted;
 use super::{Service, ServiceError, garbage};
 use crate::scheduler::Job;
 use crate::scheduler::record::Millis;
-use crate::store::{self, BlobReader, PictureRecord, StoreError};
+use crate::store::{self, PictureRecord, StoreError};
 use axum::body::Bytes;
 use photonfarm_proto::id::JobId;
 use std::sync::Arc;
 
 impl Service {
-    /// The picture of a job that has ended with its length, if it was kept, is the one that the tag names, and is whole.
+    /// What is wanted of the picture of a job that has ended, if it was kept, is the one that the tag names, and is whole.
     pub(super) async fn kept_picture(
         &self,
         job: &Job,
         format: ImageFormat,
         etag: &str,
-    ) -> Result<Option<(u64, BlobReader)>, ServiceError> {
+        wanted: &Wanted<'_>,
+    ) -> Result<Option<PictureFile>, ServiceError> {
         if job.ended_ms().is_none() || !format.is_kept() {
             return Ok(None);
         }
         let kept = self.stores.state.picture(job.id(), format.name()).await?;
-        let Some(PictureRecord { image, .. }) = kept.filter(|kept| kept.etag == etag) else {
+        let Some(PictureRecord { image, bytes, .. }) = kept.filter(|kept| kept.etag == etag) else {
             return Ok(None);
+        };
+        let section = match wanted.section(etag, bytes) {
+            Ok(section) => section,
+            Err(length) => return Ok(Some(PictureFile::Beyond(length))),
         };
         let nodes = &*self.stores.nodes;
         let opened = match store::hash_of(nodes, image).await {
-            Ok(hash) if hash == image.hash => nodes.open(image).await,
+            Ok(hash) if hash == image.hash => nodes.open_at(image, section.bytes.start).await,
             Ok(_) => Err(StoreError::Damaged(format!("{image} has another hash"))),
             Err(error) => Err(error),
         };
         match opened {
-            Ok(opened) => Ok(Some(opened)),
+            Ok((_, reader)) => Ok(Some(PictureFile::Kept(section, reader))),
             Err(error @ (StoreError::NoBlob(_) | StoreError::Damaged(_))) => {
                 tracing::warn!(job = %job.id(), %error, "a picture that was kept cannot be used: it is made anew");
                 Ok(None)

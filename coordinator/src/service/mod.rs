@@ -22,6 +22,7 @@ mod obstacles;
 mod raw;
 mod retention;
 mod scenes;
+mod section;
 mod shared;
 #[cfg(test)]
 mod shared_tests;
@@ -40,6 +41,7 @@ pub use image::{ImageFormat, Picture, PictureFile};
 pub(crate) use obstacles::Part;
 pub use retention::Keep;
 pub(crate) use scenes::SceneFile;
+pub use section::{Section, Wanted};
 
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, NonceKey, Refusal, SchedulerConfig};

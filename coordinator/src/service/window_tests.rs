@@ -242,7 +242,8 @@ async fn a_picture_whose_nodes_are_merged_while_they_are_read_is_begun_anew() {
         let (world, faults) = ground.world(2).await;
         world.arrive(&world.lease().await).await.unwrap();
         let gate = faults.wait(Step::Read);
-        let (picture, ()) = tokio::join!(world.service.picture(world.job, ImageFormat::Exr, None), async {
+        let wanted = Wanted::default();
+        let (picture, ()) = tokio::join!(world.service.picture(world.job, ImageFormat::Exr, &wanted), async {
             gate.reached().await;
             world.arrive(&world.lease().await).await.unwrap();
             world.service.fold_all().await;
@@ -262,7 +263,8 @@ async fn a_picture_of_a_job_that_is_deleted_while_its_nodes_are_read_is_not_foun
         world.arrive(&world.lease().await).await.unwrap();
         world.service.cancel_job(world.job).await.unwrap();
         let gate = faults.wait(Step::Read);
-        let (picture, ()) = tokio::join!(world.service.picture(world.job, ImageFormat::Exr, None), async {
+        let wanted = Wanted::default();
+        let (picture, ()) = tokio::join!(world.service.picture(world.job, ImageFormat::Exr, &wanted), async {
             gate.reached().await;
             world.service.delete_job(world.job).await.unwrap();
             gate.open();

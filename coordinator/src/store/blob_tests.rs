@@ -96,6 +96,8 @@ async fn blobs_are_there_whole_or_not_at_all() {
         );
         let (bytes, reader) = store.open(hash).await.unwrap();
         assert_eq!((bytes, read_all(reader).await), (5, b"light".to_vec()), "{name}");
+        let (bytes, reader) = store.open_at(hash, 2).await.unwrap();
+        assert_eq!((bytes, read_all(reader).await), (5, b"ght".to_vec()), "{name}");
         store.remove(hash).await.unwrap();
         store.remove(hash).await.unwrap();
         assert_eq!(store.size(hash).await.unwrap(), None, "{name}");

@@ -134,9 +134,9 @@ impl BlobStore for FaultyBlobs {
         self.inner.read(name, most).await
     }
 
-    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
+    async fn open_at(&self, name: BlobName, start: u64) -> Result<(u64, BlobReader), StoreError> {
         self.faults.at(Step::Read).await?;
-        self.inner.open(name).await
+        self.inner.open_at(name, start).await
     }
 
     async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError> {

@@ -5,10 +5,11 @@ use crate::scheduler::record::BlobName;
 use async_trait::async_trait;
 use bytes::Bytes;
 use photonfarm_proto::id::BlobHash;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tokio::fs::{self, File};
+use tokio::io::AsyncSeekExt;
 
 const STAGING: &str = "staging";
 
@@ -123,12 +124,13 @@ impl BlobStore for FolderStore {
         .await
     }
 
-    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
+    async fn open_at(&self, name: BlobName, start: u64) -> Result<(u64, BlobReader), StoreError> {
         let path = self.path(name);
-        let file = File::open(&path)
+        let mut file = File::open(&path)
             .await
             .map_err(|error| missing_or(name.hash, &path, error))?;
         let bytes = file.metadata().await.map_err(io(&path))?.len();
+        file.seek(SeekFrom::Start(start)).await.map_err(io(&path))?;
         Ok((bytes, Box::new(file)))
     }
 

@@ -384,8 +384,9 @@ pub trait BlobStore: Send + Sync {
     async fn stage(&self, name: BlobName) -> Result<Box<dyn StagedBlob>, StoreError>;
     /// All bytes, verified. A blob of more than `most` bytes is damaged.
     async fn read(&self, name: BlobName, most: u64) -> Result<Vec<u8>, StoreError>;
-    /// The bytes as a stream with its length, not verified: the receiver does that.
-    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError>;
+    /// The bytes from `start` on as a stream, with the length of all of them, not verified: the receiver does that.
+    /// `start` is no greater than the length.
+    async fn open_at(&self, name: BlobName, start: u64) -> Result<(u64, BlobReader), StoreError>;
     /// The size of the blob, if it is there.
     async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError>;
     /// Removes the blob, if it is there.
@@ -393,6 +394,11 @@ pub trait BlobStore: Send + Sync {
     /// Names of all blobs, and how long ago each was last published. Both ends of that time are read from the clock of
     /// the store itself, so that it is right whatever the time is on this machine.
     async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError>;
+
+    /// All bytes as a stream with its length, not verified.
+    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
+        self.open_at(name, 0).await
+    }
 
     /// Whether there are URLs by which others may read and write for a short time.
     fn signs(&self) -> bool {

@@ -15,7 +15,8 @@ use object_store::aws::{AmazonS3, AmazonS3Builder};
 use object_store::path::{Path, PathPart};
 use object_store::signer::Signer;
 use object_store::{
-    ClientOptions, Error, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutPayload, RetryConfig,
+    ClientOptions, Error, GetOptions, GetRange, MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt, PutPayload,
+    RetryConfig,
 };
 use photonfarm_proto::id::BlobHash;
 use std::sync::Arc;
@@ -208,8 +209,13 @@ impl BlobStore for ObjectBlobs {
         Ok(bytes.into())
     }
 
-    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
-        let found = self.store.get(&self.path(name)).await;
+    async fn open_at(&self, name: BlobName, start: u64) -> Result<(u64, BlobReader), StoreError> {
+        let range = (start > 0).then_some(GetRange::Offset(start));
+        let options = GetOptions {
+            range,
+            ..GetOptions::default()
+        };
+        let found = self.store.get_opts(&self.path(name), options).await;
         let found = found.map_err(|error| missing_or(name.hash, error))?;
         let size = found.meta.size;
         Ok((

@@ -103,7 +103,54 @@ async fn images_come_at_any_time_and_are_named_by_their_tag() {
             answers.push((tag, bytes));
         }
         assert!(answers[0] == answers[1], "{name}: made, then kept");
+        let (tag, whole) = &answers[0];
+        fetched_in_parts(&farm, &format!("jobs/{job}/{name}"), tag.to_str().unwrap(), whole).await;
     }
+}
+
+/// Asks for parts of the picture under this path, which is `whole` and has this tag.
+async fn fetched_in_parts(farm: &Farm, path: &str, tag: &str, whole: &[u8]) {
+    assert!(tag.starts_with('"'), "a strong tag, of these bytes: {tag}");
+    let ask = async |method: Method, headers: &[(&'static str, &str)]| {
+        let mut request = farm.request(method, path);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        request.send().await.unwrap()
+    };
+    let length = whole.len();
+    for (range, part) in [
+        ("bytes=0-", 0..length),
+        ("bytes=7-", 7..length),
+        ("bytes=2-5", 2..6),
+        ("bytes=-3", length - 3..length),
+    ] {
+        for headers in [&[("range", range)][..], &[("range", range), ("if-range", tag)]] {
+            let reply = ask(Method::GET, headers).await;
+            assert_eq!(reply.status(), StatusCode::PARTIAL_CONTENT, "{range}");
+            let of = format!("bytes {}-{}/{length}", part.start, part.end - 1);
+            assert_eq!(reply.headers()["content-range"], of);
+            assert_eq!(reply.headers()["etag"], tag);
+            assert_eq!(reply.content_length(), Some(part.len() as u64));
+            assert_eq!(reply.bytes().await.unwrap(), whole[part.clone()], "{range}");
+        }
+    }
+    for (method, headers) in [
+        (Method::GET, &[("range", "bytes=7-"), ("if-range", "\"other\"")][..]),
+        (Method::GET, &[("range", "bytes=0-1,4-5")]),
+        (Method::HEAD, &[("range", "bytes=7-")]),
+    ] {
+        let reply = ask(method, headers).await;
+        assert_eq!(reply.status(), StatusCode::OK, "{headers:?}");
+        assert_eq!(reply.headers()["accept-ranges"], "bytes");
+        assert_eq!(reply.headers()["content-length"], length.to_string());
+    }
+    let known = ask(Method::GET, &[("range", "bytes=7-"), ("if-none-match", tag)]).await;
+    assert_eq!(known.status(), StatusCode::NOT_MODIFIED);
+    let beyond = ask(Method::GET, &[("range", &format!("bytes={length}-"))]).await;
+    assert_eq!(beyond.headers()["content-range"], format!("bytes */{length}"));
+    let problem = expect_problem(beyond, ErrorCode::RangeNotSatisfiable).await;
+    assert!(problem.detail.contains(&length.to_string()), "{problem}");
 }
 
 #[tokio::test]
