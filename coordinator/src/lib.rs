@@ -5,15 +5,19 @@
 
 pub mod access;
 mod api;
+mod audit;
 pub mod scheduler;
 mod server;
 pub mod service;
 pub mod store;
+mod webhook;
 
 pub use api::{Route, openapi, routes};
 pub use server::{Timeouts, TlsError, TlsFiles};
+pub use webhook::{Retries, WebhookConfig, WebhookError, WebhookSecret};
 
 use access::{Gate, Tokens};
+use audit::Audit;
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use photonfarm_proto::limits::Limits;
@@ -28,6 +32,7 @@ use store::{BlobPlace, StatePlace, StoreError};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
+use webhook::Webhooks;
 
 /// Longest time that a shutdown waits for requests to end.
 const SHUTDOWN: Duration = Duration::from_secs(10);
@@ -55,6 +60,10 @@ pub struct Config {
     pub timeouts: Timeouts,
     /// How long jobs that have ended are kept.
     pub keep: Keep,
+    /// URLs that are told when jobs end.
+    pub webhooks: WebhookConfig,
+    /// File to which each request is written that changes something.
+    pub audit_log: Option<PathBuf>,
 }
 
 impl Config {
@@ -73,6 +82,8 @@ impl Config {
             connections_per_address: 1024,
             timeouts: Timeouts::default(),
             keep: Keep::default(),
+            webhooks: WebhookConfig::default(),
+            audit_log: None,
         }
     }
 }
@@ -88,6 +99,17 @@ pub enum StartError {
     /// The certificate cannot be used.
     #[error(transparent)]
     Tls(#[from] TlsError),
+    /// URLs cannot be told of jobs.
+    #[error(transparent)]
+    Webhook(#[from] WebhookError),
+    /// The audit log cannot be written.
+    #[error("audit log {}: {source}", path.display())]
+    Audit {
+        /// The file.
+        path: PathBuf,
+        /// What failed.
+        source: std::io::Error,
+    },
     /// The network failed.
     #[error("the listener failed: {0}")]
     Listener(#[from] std::io::Error),
@@ -104,6 +126,7 @@ pub struct Coordinator {
     address: SocketAddr,
     service: Arc<Service>,
     certificates: Option<Arc<Certificates>>,
+    audit: Option<Arc<Audit>>,
     server: JoinHandle<()>,
     clockwork: JoinHandle<()>,
 }
@@ -144,9 +167,16 @@ impl Coordinator {
             tracing::warn!(%address, "connections are not encrypted: tokens can be read on the way");
         }
         let step = Duration::from_millis((config.scheduler.lease_ttl_ms / 10).clamp(10, 1000));
-        let service = Service::open(config.limits, config.scheduler, stores).await?;
+        let webhooks = Webhooks::new(config.webhooks, &url(address, encrypted))?;
+        let service = Service::open(config.limits, config.scheduler, stores, webhooks).await?;
+        let lost = service.audit_lost.clone();
+        let audit = config.audit_log.map(|path| {
+            let opened = Audit::open(path.clone(), lost);
+            opened.map_err(|source| StartError::Audit { path, source })
+        });
+        let audit = audit.transpose()?.map(Arc::new);
         let server = Server {
-            router: api::router(service.clone(), Arc::new(gate)),
+            router: api::router(service.clone(), Arc::new(gate), audit.clone()),
             tls: certificates.clone(),
             timeouts: config.timeouts,
             connections: config.connections,
@@ -158,6 +188,7 @@ impl Coordinator {
         Ok(Self {
             address,
             certificates,
+            audit,
             server: tokio::spawn(server.run(listener)),
             clockwork: tokio::spawn(service.clone().run(step, config.keep)),
             service,
@@ -173,8 +204,7 @@ impl Coordinator {
     /// The URL for workers and clients.
     #[must_use]
     pub fn url(&self) -> String {
-        let scheme = if self.certificates.is_some() { "https" } else { "http" };
-        format!("{scheme}://{}", self.address)
+        url(self.address, self.certificates.is_some())
     }
 
     /// The service behind the interface.
@@ -191,6 +221,13 @@ impl Coordinator {
     pub fn renew_certificates(&self) -> Result<bool, TlsError> {
         let renewed = self.certificates.as_ref().map(|certificates| certificates.renew());
         Ok(renewed.transpose()?.is_some())
+    }
+
+    /// Opens the audit log again, whose file was moved away. Where that fails, it goes on in the one that was open.
+    pub async fn reopen_audit_log(&self) {
+        if let Some(audit) = &self.audit {
+            audit.reopen().await;
+        }
     }
 
     /// Ends: answers waiting requests, takes no new ones, and returns when the requests under way are done.
@@ -212,6 +249,11 @@ impl Coordinator {
         self.service.close().await;
         tracing::info!("coordinator stopped");
     }
+}
+
+fn url(address: SocketAddr, encrypted: bool) -> String {
+    let scheme = if encrypted { "https" } else { "http" };
+    format!("{scheme}://{address}")
 }
 
 /// Opens the stores. The lock of a database file keeps a folder of bytes beside it as well.

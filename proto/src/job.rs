@@ -58,6 +58,10 @@ pub struct JobSpec {
     /// The job that is to be done before this one begins. Where that fails or is cancelled, this one is cancelled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after: Option<JobId>,
+    /// A URL that is told when the job ends, where the farm tells anything. Whoever may look at the job sees it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(max_length = 2000)]
+    pub webhook: Option<String>,
 }
 
 /// The longest name of a job [bytes].
@@ -439,6 +443,7 @@ mod tests {
             name: String::new(),
             labels: Default::default(),
             after: None,
+            webhook: None,
         };
         assert!(spec.check(&limits, &bundle).is_ok());
         let refused = |change: &dyn Fn(&mut JobSpec)| {

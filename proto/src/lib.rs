@@ -18,6 +18,7 @@ pub mod schedule;
 pub mod time;
 pub mod token;
 pub mod waiting;
+pub mod webhook;
 pub mod worker;
 
 /// Version of this program: coordinator and workers must have the same.

@@ -370,6 +370,7 @@ mod tests {
             name: String::new(),
             labels: Default::default(),
             after: None,
+            webhook: None,
         };
         LeaseReply {
             assignment: Some(Assignment { lease, spec }),

@@ -8,6 +8,7 @@ use crate::frames::{Frames, frames};
 use crate::help;
 use crate::input::SceneFormat;
 use crate::logs::{self, LogsArgs};
+use crate::serve_args::ServeArgs;
 use crate::steer_args::{
     DeleteArgs, DrainArgs, ExtendArgs, FetchArgs, JobArg, JobsArgs, PriorityArgs, ScheduleArgs, WaitArgs, WorkersArgs,
     duration,
@@ -15,7 +16,7 @@ use crate::steer_args::{
 use crate::token_args::TokenArgs;
 use crate::watch::{self, WatchArgs};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
 use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_core::integrator::{INTEGRATORS, Integrator};
@@ -172,62 +173,6 @@ pub(crate) struct BackupArgs {
 }
 
 #[derive(Debug, Args)]
-pub(crate) struct ServeArgs {
-    /// Address and port to listen on
-    #[arg(long, value_name = "ADDR")]
-    pub(crate) listen: String,
-    /// Folder for jobs and images; made if it is not there
-    #[arg(long, value_name = "DIR", required_unless_present_all = ["state", "blobs"])]
-    pub(crate) data: Option<PathBuf>,
-    /// Where jobs are kept: sqlite:PATH or postgres://USER:PASSWORD@HOST/DATABASE [default: farm.sqlite in the data folder]
-    #[arg(long, value_name = "URL", env = "PHOTONFARM_STATE", hide_env_values = true)]
-    pub(crate) state: Option<StatePlace>,
-    /// Where scenes and images are kept: file:PATH or s3://BUCKET/PREFIX [default: the data folder]
-    #[arg(long, value_name = "URL", env = "PHOTONFARM_BLOBS")]
-    pub(crate) blobs: Option<BlobPlace>,
-    /// Certificate for encrypted connections, with those between it and its authority, as PEM
-    #[arg(long, value_name = "FILE", requires = "tls_key", env = "PHOTONFARM_TLS_CERT")]
-    pub(crate) tls_cert: Option<PathBuf>,
-    /// Private key of the certificate, as PEM
-    #[arg(long, value_name = "FILE", requires = "tls_cert", env = "PHOTONFARM_TLS_KEY")]
-    pub(crate) tls_key: Option<PathBuf>,
-    /// Have nodes of a worker repeated by another one until this many in a row are confirmed, and ever more rarely then;
-    /// 10 suits machines of strangers, 0 repeats none
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub(crate) verify: u32,
-    /// How long a lease should take [s]: longer ones bring fewer images to take in, and a killed worker loses more
-    #[arg(long, value_name = "S", default_value = "30")]
-    pub(crate) lease_seconds: NonZeroU32,
-    /// Requests a second that one token may send from one address
-    #[arg(long, value_name = "N", default_value = "1000")]
-    pub(crate) rate: NonZeroU32,
-    /// Connections at once; more wait until one of them ends
-    #[arg(long, value_name = "N", default_value = "4096")]
-    pub(crate) connections: NonZeroUsize,
-    /// Connections at once from one address; more are closed at once. A proxy in front is one address
-    #[arg(long, value_name = "N", default_value = "1024")]
-    pub(crate) connections_per_address: NonZeroUsize,
-    /// Delete jobs that ended more than so many days ago [default: keep them]
-    #[arg(long, value_name = "DAYS", value_parser = positive, env = "PHOTONFARM_KEEP_DAYS")]
-    pub(crate) keep_days: Option<f64>,
-    /// Delete the oldest jobs that have ended where such jobs take more room, with the scenes that only they name
-    /// [default: keep them]
-    #[arg(long, value_name = "GB", value_parser = positive, env = "PHOTONFARM_KEEP_GIGABYTES")]
-    pub(crate) keep_gigabytes: Option<f64>,
-    /// Format of the log; RUST_LOG chooses what it tells
-    #[arg(long, value_enum, default_value_t = LogFormat::Text)]
-    pub(crate) log_format: LogFormat,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LogFormat {
-    /// Lines for people
-    Text,
-    /// One JSON object a line
-    Json,
-}
-
-#[derive(Debug, Args)]
 pub(crate) struct SubmitArgs {
     #[command(flatten)]
     pub(crate) job: JobArgs,
@@ -248,6 +193,9 @@ pub(crate) struct SubmitArgs {
     /// frame 7 is OUT.0007.exr
     #[arg(long, value_name = "FRAMES", value_parser = frames, conflicts_with_all = ["frame", "from"])]
     pub(crate) frames: Option<Frames>,
+    /// URL that the farm tells when the job ends, where its operator allows it (docs/WEBHOOKS.md)
+    #[arg(long, value_name = "URL")]
+    pub(crate) webhook: Option<String>,
     /// Wait until the job is done
     #[arg(long)]
     pub(crate) wait: bool,
@@ -403,6 +351,8 @@ mod tests {
             "photonfarm token revoke a --data d",
             "photonfarm token list --state postgres://farm@localhost/farm",
             "photonfarm serve --listen 127.0.0.1:0 --data d --verify 10 --lease-seconds 600",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --webhook http://a --webhook https://b --webhook-secret-file s --public-url http://c",
+            "photonfarm submit s.xml --coordinator http://localhost:1 --webhook https://a/b",
             "photonfarm submit s.xml --coordinator http://localhost:1 --tag a=b --tag c --priority 3 --noise-target 0.1 --within 2h",
             "photonfarm jobs --coordinator http://localhost:1",
             "photonfarm jobs 3 --json --coordinator http://localhost:1",
@@ -455,6 +405,7 @@ mod tests {
             "photonfarm serve --listen 127.0.0.1:0 --state sqlite:a.sqlite",
             "photonfarm serve --listen 127.0.0.1:0 --data d --blobs http://farm",
             "photonfarm serve --listen 127.0.0.1:0 --data d --keep-days 0",
+            "photonfarm serve --listen 127.0.0.1:0 --data d --webhook http://a",
             "photonfarm serve --listen 127.0.0.1:0 --data d --log-format xml",
         ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_err(), "{line}");

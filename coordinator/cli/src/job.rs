@@ -110,6 +110,7 @@ impl PreparedJob {
             name: String::new(),
             labels: Default::default(),
             after: None,
+            webhook: None,
         };
         let now = SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos();
         let key = format!("{now:x}-{:x}", std::process::id());

@@ -1,6 +1,6 @@
 //! The log, on standard error. `RUST_LOG` chooses what it tells.
 
-use crate::args::LogFormat;
+use crate::serve_args::LogFormat;
 use std::io::IsTerminal;
 use tracing_subscriber::EnvFilter;
 

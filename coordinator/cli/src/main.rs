@@ -29,6 +29,7 @@ mod render;
 mod repeat;
 mod say;
 mod serve;
+mod serve_args;
 mod settings;
 mod stats;
 mod steer;
@@ -39,9 +40,10 @@ mod token;
 mod token_args;
 mod watch;
 
-use args::{Cli, Command, LogFormat};
+use args::{Cli, Command};
 use clap::Parser;
 use photonfarm_proto::problem::Problem;
+use serve_args::LogFormat;
 use std::process::ExitCode;
 
 /// The user pressed Ctrl-C.

@@ -1,12 +1,13 @@
 //! `photonfarm serve`: the coordinator of a farm.
 
-use crate::args::ServeArgs;
 use crate::say;
+use crate::serve_args::ServeArgs;
 use anyhow::{Context, Result, anyhow};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::service::Keep;
-use photonfarm_coordinator::{Config, Coordinator, TlsFiles};
+use photonfarm_coordinator::{Config, Coordinator, TlsFiles, WebhookConfig, WebhookSecret};
 use std::io::ErrorKind;
+use std::path::Path;
 use tokio::net::TcpListener;
 
 /// Runs the command until it is told to stop.
@@ -46,6 +47,14 @@ async fn serve(args: ServeArgs) -> Result<()> {
             longest_ms: args.keep_days.map(|days| (days * 86_400_000.0) as u64),
             most_bytes: args.keep_gigabytes.map(|count| (count * 1e9) as u64),
         },
+        webhooks: WebhookConfig {
+            secret: args.webhook_secret_file.as_deref().map(read_secret).transpose()?,
+            urls: args.webhook,
+            private_addresses: args.webhook_private,
+            public_url: args.public_url,
+            ..WebhookConfig::default()
+        },
+        audit_log: args.audit_log,
         ..Config::new(args.data.unwrap_or_default())
     };
     config.state = args.state.unwrap_or(config.state);
@@ -60,18 +69,26 @@ async fn serve(args: ServeArgs) -> Result<()> {
     }
     tokio::select! {
         () = stop => {}
-        never = renew_certificates(&coordinator) => never?,
+        never = hang_up(&coordinator) => never?,
     }
     tracing::info!("stopping; jobs go on when the coordinator is started again with the same stores");
     coordinator.shutdown().await;
     Ok(())
 }
 
-/// Reads the certificate again at every SIGHUP.
+fn read_secret(file: &Path) -> Result<WebhookSecret> {
+    let secret = std::fs::read(file)
+        .map_err(anyhow::Error::from)
+        .and_then(|bytes| Ok(WebhookSecret::new(&bytes)?));
+    secret.with_context(|| format!("--webhook-secret-file {}", file.display()))
+}
+
+/// Reads the certificate and opens the audit log again at every SIGHUP.
 #[cfg(unix)]
-async fn renew_certificates(coordinator: &Coordinator) -> Result<()> {
+async fn hang_up(coordinator: &Coordinator) -> Result<()> {
     let mut hangup = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::hangup())?;
     while hangup.recv().await.is_some() {
+        coordinator.reopen_audit_log().await;
         match coordinator.renew_certificates() {
             Ok(true) => tracing::info!("the certificate was read again: new connections get it"),
             Ok(false) => tracing::info!("there is no certificate to read again"),
@@ -81,9 +98,9 @@ async fn renew_certificates(coordinator: &Coordinator) -> Result<()> {
     std::future::pending().await
 }
 
-/// Certificates are read again where there are signals to ask for it.
+/// Files are opened again where there are signals to ask for it.
 #[cfg(not(unix))]
-async fn renew_certificates(_: &Coordinator) -> Result<()> {
+async fn hang_up(_: &Coordinator) -> Result<()> {
     std::future::pending().await
 }
 

@@ -102,6 +102,7 @@ fn prepare(args: &SubmitArgs, frame: Option<u32>) -> Result<(PreparedJob, Scene)
     job.spec.schedule = args.schedule.schedule()?;
     job.spec.labels = unique("--label", &args.label)?;
     job.spec.after = args.after;
+    job.spec.webhook = args.webhook.clone();
     job.spec.name = args.name.clone().unwrap_or_else(|| job.name.clone());
     job.key = args.key.clone().unwrap_or(job.key);
     if let Some(frame) = frame {

@@ -8,6 +8,7 @@ mod tokens;
 
 pub use error::AccessError;
 pub(crate) use gate::{Gate, network};
+pub(crate) use rate::Buckets;
 pub use token::Secret;
 pub use tokens::Tokens;
 

@@ -9,13 +9,13 @@ const BUCKETS: usize = 16_384;
 
 /// Buckets that fill with `rate` requests a second up to two seconds' worth.
 #[derive(Debug)]
-pub(super) struct Buckets<K> {
+pub(crate) struct Buckets<K> {
     rate: f64,
     levels: HashMap<K, (f64, Instant)>,
 }
 
 impl<K: Eq + Hash> Buckets<K> {
-    pub(super) fn new(rate: u32) -> Self {
+    pub(crate) fn new(rate: u32) -> Self {
         Self {
             rate: f64::from(rate.max(1)),
             levels: HashMap::new(),
@@ -32,7 +32,7 @@ impl<K: Eq + Hash> Buckets<K> {
     }
 
     /// Takes one request out of the bucket of `key`, or says after how many seconds there will be one.
-    pub(super) fn take(&mut self, key: K, now: Instant) -> Result<(), u16> {
+    pub(crate) fn take(&mut self, key: K, now: Instant) -> Result<(), u16> {
         let found = self.levels.get(&key).copied();
         if found.is_none() && self.levels.len() >= BUCKETS {
             let levels = std::mem::take(&mut self.levels);

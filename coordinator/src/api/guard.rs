@@ -1,16 +1,17 @@
 //! Every request passes here: who sends it, and whether the route is for them.
 
 use super::extract::Id;
-use super::{ApiError, App, local, session};
+use super::{ApiError, App, local, request, session};
 use crate::access::{Caller, Gate, network};
+use crate::audit::{Audit, Entry};
 use crate::scheduler::record::Origin;
 use crate::server::Peer;
-use axum::extract::{FromRequestParts, Request, State};
-use axum::http::HeaderValue;
-use axum::http::header::AUTHORIZATION;
+use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::http::header::{AUTHORIZATION, LOCATION};
 use axum::http::request::Parts;
+use axum::http::{HeaderValue, Method};
 use axum::middleware::Next;
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 use photonfarm_proto::api::FARM;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::problem::{ErrorCode, Problem};
@@ -18,13 +19,42 @@ use photonfarm_proto::token::Role;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 
-/// Finds out who sends the request.
-pub(super) async fn identify(
-    State(gate): State<Arc<Gate>>,
-    mut request: Request,
-    next: Next,
-) -> Result<Response, ApiError> {
+/// What every request passes.
+pub(super) struct Door {
+    pub(super) gate: Arc<Gate>,
+    pub(super) audit: Option<Arc<Audit>>,
+}
+
+/// The name of what an answer says was made, for the audit log.
+#[derive(Clone, Debug)]
+pub(super) struct Made(pub(super) String);
+
+/// Finds out who sends the request, and writes down what it changes.
+pub(super) async fn identify(State(door): State<Arc<Door>>, mut request: Request, next: Next) -> Response {
     let peer = address(request.extensions().get::<Peer>());
+    let asked = changes_something(&request).then(|| Asked::of(&request));
+    let (caller, response) = match admit(&door.gate, &request, peer).await {
+        Ok(caller) => {
+            if let Some(caller) = caller.clone() {
+                request.extensions_mut().insert(caller);
+            }
+            let response = next.run(request).await;
+            if let Some(Asked { method, path, .. }) = &asked {
+                let name = caller.as_ref().map_or("", |caller| &caller.name);
+                let who = if name.is_empty() { "somebody" } else { name };
+                tracing::info!("{who} at {peer}: {method} {path}: {}", response.status());
+            }
+            (caller, response)
+        }
+        Err(error) => (None, error.into_response()),
+    };
+    if let (Some(asked), Some(audit)) = (asked, &door.audit) {
+        audit.note(asked.entry(caller.as_ref(), peer, &response)).await;
+    }
+    response
+}
+
+async fn admit(gate: &Gate, request: &Request, peer: IpAddr) -> Result<Option<Caller>, ApiError> {
     let header = request.headers().get(AUTHORIZATION);
     let header = match header.map(|value| value.to_str().unwrap_or("").to_owned()) {
         None => session::authorization(request.method(), request.headers())?,
@@ -34,17 +64,44 @@ pub(super) async fn identify(
     if caller.as_ref().is_some_and(Caller::is_anyone) {
         local::check(request.method(), request.headers())?;
     }
-    let asked = changes_something(&request).then(|| format!("{} {}", request.method(), request.uri().path()));
-    let name = caller.as_ref().map_or("", |caller| &caller.name);
-    let who = if name.is_empty() { "somebody" } else { name }.to_owned();
-    if let Some(caller) = caller {
-        request.extensions_mut().insert(caller);
+    Ok(caller)
+}
+
+/// What a request asks for that changes something.
+struct Asked {
+    method: Method,
+    route: Option<MatchedPath>,
+    path: String,
+}
+
+impl Asked {
+    fn of(request: &Request) -> Self {
+        Self {
+            method: request.method().clone(),
+            route: request.extensions().get::<MatchedPath>().cloned(),
+            path: request.uri().path().to_owned(),
+        }
     }
-    let response = next.run(request).await;
-    if let Some(asked) = asked {
-        tracing::info!("{who} at {peer}: {asked}: {}", response.status());
+
+    fn entry<'a>(&'a self, caller: Option<&'a Caller>, address: IpAddr, response: &'a Response) -> Entry<'a> {
+        let location = response.headers().get(LOCATION).and_then(|value| value.to_str().ok());
+        Entry {
+            caller,
+            address,
+            request_id: request::current(),
+            method: self.method.as_str(),
+            route: self.route.as_ref().map(MatchedPath::as_str),
+            path: &self.path,
+            job: job_of(&self.path).or_else(|| job_of(location?)),
+            made: response.extensions().get::<Made>().map(|made| made.0.as_str()),
+            status: response.status().as_u16(),
+        }
     }
-    Ok(response)
+}
+
+/// The job that a path is of.
+fn job_of(path: &str) -> Option<JobId> {
+    path.strip_prefix("/v1/jobs/")?.split('/').next()?.parse().ok()
 }
 
 /// Says in each answer which farm gives it.
@@ -56,7 +113,7 @@ pub(super) async fn name_farm(State(farm): State<Option<HeaderValue>>, request: 
     response
 }
 
-/// Whether a request belongs into the log: it changes something, and is none of those that workers, or files of a scene,
+/// Whether a request belongs into the logs: it changes something, and is none of those that workers, or files of a scene,
 /// come with by the thousand.
 fn changes_something(request: &Request) -> bool {
     let path = request.uri().path();

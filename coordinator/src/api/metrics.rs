@@ -107,6 +107,11 @@ fn figures_since_start(text: &mut String, service: &App) {
         "Connections closed at once, since their address had too many.",
         service.refused_connections.load(Ordering::Relaxed),
     );
+    counter(
+        "audit_lines_lost_total",
+        "Lines that could not be written to the audit log.",
+        service.audit_lost.load(Ordering::Relaxed),
+    );
     let [nodes, iterations] = service.counts.committed();
     counter("nodes_committed_total", "Nodes that came to count.", nodes);
     counter(
@@ -132,6 +137,10 @@ fn figures_since_start(text: &mut String, service: &App) {
     let failed = failed.map(|(kind, count)| (format!("kind=\"{kind}\""), count));
     let help = "Attempts at iterations that failed; those of the kind `lost` are leases that expired.";
     family(text, ("failed_attempts_total", "counter"), help, &failed);
+    let deliveries = service.counts.deliveries();
+    let deliveries = deliveries.map(|(state, count)| (format!("outcome=\"{state}\""), count));
+    let help = "Attempts to tell a webhook of the end of a job; one that is given up is not tried again.";
+    family(text, ("webhook_attempts_total", "counter"), help, &deliveries);
 }
 
 /// How long leases took, as a histogram.

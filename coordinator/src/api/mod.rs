@@ -17,9 +17,11 @@ mod spool;
 mod steer;
 mod system;
 mod tokens;
+mod webhooks;
 mod worker;
 
 use crate::access::{AccessError, Gate};
+use crate::audit::Audit;
 use crate::service::{Service, ServiceError};
 use axum::extract::DefaultBodyLimit;
 use axum::handler::Handler;
@@ -120,13 +122,17 @@ pub fn routes() -> Vec<Route> {
 }
 
 /// The interface. `healthz` is for everybody and costs next to nothing: not even tokens are looked at.
-pub(crate) fn router(service: App, gate: Arc<Gate>) -> Router {
+pub(crate) fn router(service: App, gate: Arc<Gate>, audit: Option<Arc<Audit>>) -> Router {
+    let door = Arc::new(guard::Door {
+        gate: gate.clone(),
+        audit,
+    });
     let guarded = guarded_routes().map(Routes::guarded);
     let guarded = guarded.into_iter().fold(Router::new(), Router::merge);
     guarded
         .fallback(async || ApiError::from(Problem::new(ErrorCode::NotFound, "there is no such route")))
         .method_not_allowed_fallback(not_allowed)
-        .layer(from_fn_with_state(gate.clone(), guard::identify))
+        .layer(from_fn_with_state(door, guard::identify))
         .layer(Extension(gate))
         .layer(Extension(Arc::new(Spool::default())))
         .merge(open_routes().guarded().method_not_allowed_fallback(not_allowed))
@@ -213,6 +219,7 @@ fn admin_routes() -> Routes {
         .post("/v1/tokens", tokens::create)
         .get("/v1/tokens", tokens::list)
         .delete("/v1/tokens/{name}", tokens::revoke)
+        .get("/v1/webhooks", webhooks::list)
         .post("/v1/workers/{id}/quarantine", steer::quarantine)
         .post("/v1/workers/{id}/release", steer::release)
         .post("/v1/workers/{id}/drain", steer::drain)

@@ -6,6 +6,7 @@ use axum::Json;
 use axum::extract::State;
 use photonfarm_proto::api::{Health, WorkerList};
 use photonfarm_proto::problem::{ErrorCode, PROBLEM_MEDIA_TYPE, Problem};
+use photonfarm_proto::webhook::JobNotice;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::schema::{KnownFormat, ObjectBuilder, Schema, SchemaFormat, Type};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
@@ -80,12 +81,13 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         super::tokens::create,
         super::tokens::list,
         super::tokens::revoke,
+        super::webhooks::list,
         workers,
         health,
         openapi,
         super::docs::docs,
     ),
-    components(schemas(Problem)),
+    components(schemas(Problem, JobNotice)),
     modifiers(&EveryOperation)
 )]
 pub(super) struct ApiDoc;
@@ -203,9 +205,9 @@ mod tests {
             nodes: nodes.clone(),
         };
         let calls = || state.inner.calls() + scenes.inner.calls() + nodes.inner.calls();
-        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores).await;
+        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores, None).await;
         let gate = Gate::new(Tokens::new(state.clone()), true, 1);
-        let router = router(service.unwrap(), Arc::new(gate));
+        let router = router(service.unwrap(), Arc::new(gate), None);
         let ask = async |path: &str| {
             let request = Request::get(path).header("host", "localhost").body(Body::empty());
             let reply = router.clone().oneshot(request.unwrap()).await;

@@ -2,6 +2,7 @@
 
 use super::ApiError;
 use super::extract::{Id, JsonBody};
+use super::guard::Made;
 use crate::access::Gate;
 use axum::http::StatusCode;
 use axum::{Extension, Json};
@@ -17,8 +18,9 @@ use std::sync::Arc;
 pub(super) async fn create(
     Extension(gate): Extension<Arc<Gate>>,
     JsonBody(request): JsonBody<TokenRequest>,
-) -> Result<(StatusCode, Json<NewToken>), ApiError> {
-    Ok((StatusCode::CREATED, Json(gate.create(request).await?)))
+) -> Result<(StatusCode, Extension<Made>, Json<NewToken>), ApiError> {
+    let made = Extension(Made(request.name.clone()));
+    Ok((StatusCode::CREATED, made, Json(gate.create(request).await?)))
 }
 
 /// The tokens of the farm, with what was used of their quotas.

@@ -450,7 +450,8 @@ impl Job {
             | Change::WorkerRegistered(_)
             | Change::WorkerJudged { .. }
             | Change::WorkerForgotten(_)
-            | Change::JobDeleted { .. } => {}
+            | Change::JobDeleted { .. }
+            | Change::NoticeAdded(_) => {}
         }
     }
 

@@ -11,6 +11,7 @@ mod after;
 mod alive;
 mod block;
 mod chain;
+mod change;
 mod config;
 mod deliver;
 mod demand;
@@ -313,6 +314,8 @@ impl Farm {
             }
             // It had left the farm when it ended.
             Change::JobDeleted { .. } => {}
+            // The store keeps it.
+            Change::NoticeAdded(_) => {}
             Change::LeaseGranted(lease) => {
                 self.evolve_job(lease.job, change, now);
                 self.counters.share = self.counters.share.max(lease.share[0]);

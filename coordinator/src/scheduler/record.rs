@@ -1,4 +1,6 @@
-//! What is kept: changes to the farm's state, and the records that they leave.
+//! What is kept of the farm's state: the records that its changes leave.
+
+pub use super::change::{Change, Loss};
 
 use photonfarm_core::settings::IntegratorSettings;
 use photonfarm_proto::id::{BlobHash, HashError, JobId, LeaseToken, WorkerId};
@@ -10,134 +12,6 @@ use std::collections::BTreeSet;
 
 /// Time in milliseconds since 1970, UTC; never runs backwards within a process.
 pub type Millis = u64;
-
-/// One change of the farm's state. A decision is a list of them; a store commits the list whole or not at all.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Change {
-    /// A worker introduced itself.
-    WorkerRegistered(WorkerRecord),
-    /// What is thought of a worker changed.
-    WorkerJudged {
-        /// The worker.
-        worker: WorkerId,
-        /// What is thought of it from now on.
-        standing: Standing,
-    },
-    /// A worker was silent for long and holds nothing.
-    WorkerForgotten(WorkerId),
-    /// A job was submitted.
-    JobSubmitted(JobHead),
-    /// How a job goes on changed.
-    JobChanged {
-        /// The job.
-        job: JobId,
-        /// How it goes on.
-        control: JobControl,
-    },
-    /// A job that had ended goes on.
-    JobReopened {
-        /// The job as it goes on.
-        record: Box<JobRecord>,
-        /// When it had ended. Nothing is committed if it ended at another time: somebody else was faster.
-        ended_ms: Millis,
-    },
-    /// A job that had ended is deleted, with all that is kept of it.
-    JobDeleted {
-        /// The job.
-        job: JobId,
-        /// When it had ended. Nothing is committed if it ended at another time: somebody else was faster.
-        ended_ms: Millis,
-        /// Name of the token that it was submitted with: what it used of its quota stays used.
-        owner: String,
-        /// Iterations that it asked for.
-        iterations: u32,
-    },
-    /// A lease was granted.
-    LeaseGranted(LeaseRecord),
-    /// A lease ended, for whichever reason.
-    LeaseEnded {
-        /// The job.
-        job: JobId,
-        /// The lease.
-        token: LeaseToken,
-    },
-    /// Leases last until another time.
-    LeasesRenewed(Vec<Renewal>),
-    /// A node counts.
-    NodeAdded {
-        /// The job.
-        job: JobId,
-        /// The node.
-        node: NodeKey,
-        /// What is kept of it.
-        record: NodeRecord,
-        /// The job's image size, fixed by its first node.
-        resolution: [u32; 2],
-    },
-    /// What is kept of a node that counts changed.
-    NodeJudged {
-        /// The job.
-        job: JobId,
-        /// The node.
-        node: NodeKey,
-        /// What is kept of it from now on.
-        record: NodeRecord,
-    },
-    /// A node is part of a greater one now: it counts no more on its own, and what it took is forgotten.
-    NodeMerged {
-        /// The job.
-        job: JobId,
-        /// The node.
-        node: NodeKey,
-    },
-    /// A node counts no more. It and all nodes within it are forgotten.
-    NodeLost {
-        /// The job.
-        job: JobId,
-        /// The node.
-        node: NodeKey,
-        /// Why.
-        loss: Loss,
-    },
-    /// An attempt at a leaf failed.
-    LeafFailed {
-        /// The job.
-        job: JobId,
-        /// The leaf.
-        leaf: u32,
-        /// How it failed.
-        attempt: FailedAttempt,
-    },
-    /// What failed so far of a job is forgotten: iterations that were given up are tried again.
-    FailuresForgotten {
-        /// The job.
-        job: JobId,
-    },
-    /// The job ended; its leases with it.
-    JobEnded {
-        /// The job.
-        job: JobId,
-        /// Done, failed or cancelled.
-        state: JobState,
-        /// Why it failed.
-        failure: Option<String>,
-        /// When.
-        ended_ms: Millis,
-    },
-}
-
-/// Why a node counts no more.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Loss {
-    /// Its image is missing or damaged: its leaves are to be rendered again.
-    Damaged,
-    /// A worker in quarantine had a part in it: its leaves are to be rendered again.
-    Untrusted,
-    /// The job stopped before it.
-    Left,
-    /// A node that contains it was delivered whole.
-    Replaced,
-}
 
 /// Who is behind a worker, as far as the coordinator can tell: what several workers of one principal say counts once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -507,4 +381,21 @@ pub struct Counters {
     /// What the job served last had had of the farm [weighted ms].
     #[serde(default)]
     pub share: Millis,
+}
+
+/// Something that a URL is to be told once. It is part of the commit that makes it true.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Notice {
+    /// Names the delivery. Names of later notices are greater.
+    pub id: String,
+    /// The job that it is about.
+    pub job: JobId,
+    /// Where it goes.
+    pub url: String,
+    /// Whether the operator of the farm has named the URL, and not who submitted the job.
+    pub trusted: bool,
+    /// What is sent, the same at every attempt.
+    pub body: String,
+    /// When it was made.
+    pub created_ms: Millis,
 }

@@ -3,6 +3,7 @@
 use crate::scheduler::record::Change;
 use photonfarm_proto::id::{JobId, LeaseToken};
 use photonfarm_proto::job::{FailureKind, JobState};
+use photonfarm_proto::webhook::DeliveryState;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -25,6 +26,8 @@ pub(crate) struct Counts {
     leases: Mutex<Leases>,
     /// By kind, in the order of [`KINDS`].
     failed_attempts: [AtomicU64; 4],
+    /// By what became of the delivery, in the order of [`DELIVERIES`].
+    deliveries: [AtomicU64; 3],
 }
 
 /// Leases that this coordinator granted and that have not ended, with the durations of those that have.
@@ -67,6 +70,13 @@ impl Durations {
         self.sum += seconds;
     }
 }
+
+/// What becomes of deliveries to webhooks by an attempt, and the names of that in figures.
+const DELIVERIES: [(DeliveryState, &str); 3] = [
+    (DeliveryState::Delivered, "delivered"),
+    (DeliveryState::Pending, "failed"),
+    (DeliveryState::GivenUp, "given_up"),
+];
 
 /// How jobs end, and the names of that in figures.
 const ENDS: [(JobState, &str); 3] = [
@@ -145,6 +155,22 @@ impl Counts {
     /// Jobs that ended, by the name of how.
     pub(crate) fn jobs_ended(&self) -> [(&'static str, u64); 3] {
         std::array::from_fn(|end| (ENDS[end].1, self.jobs_ended[end].load(Ordering::Relaxed)))
+    }
+
+    /// An attempt has made this of a delivery.
+    pub(crate) fn note_delivery(&self, state: DeliveryState) {
+        let found = DELIVERIES
+            .iter()
+            .zip(&self.deliveries)
+            .find(|((known, _), _)| *known == state);
+        if let Some((_, count)) = found {
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Attempts at deliveries to webhooks, by the name of what became of them.
+    pub(crate) fn deliveries(&self) -> [(&'static str, u64); 3] {
+        std::array::from_fn(|state| (DELIVERIES[state].1, self.deliveries[state].load(Ordering::Relaxed)))
     }
 
     /// Workers that were registered.

@@ -157,6 +157,7 @@ impl Service {
             return Err(Problem::new(ErrorCode::Invalid, detail).at("scene", None).into());
         };
         spec.check(&self.limits, &manifest)?;
+        self.check_webhook(spec)?;
         if let Err(error) = spec.integrator.with_defaults().validate() {
             let field = format!("integrator.{}", error.name);
             return Err(Problem::new(ErrorCode::Invalid, error.to_string())

@@ -39,6 +39,7 @@ pub(super) fn note(farm: &Farm, change: &Change) {
             tracing::info!(job = %record.head.id, "it goes on to {} iterations", record.control.iterations);
         }
         Change::JobDeleted { job, .. } => tracing::info!(%job, "it was deleted"),
+        Change::NoticeAdded(notice) => tracing::debug!(job = %notice.job, delivery = notice.id, "a URL is to be told"),
         Change::LeasesRenewed(renewals) => tracing::debug!(leases = renewals.len(), "leases renewed"),
         Change::LeaseEnded { job, token } => tracing::debug!(%job, %token, "lease ended"),
         Change::NodeAdded { job, node, .. } => tracing::debug!(%job, %node, "node counts"),

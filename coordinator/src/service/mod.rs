@@ -27,6 +27,7 @@ mod shared;
 #[cfg(test)]
 mod shared_tests;
 mod stored;
+mod telling;
 #[cfg(test)]
 pub(crate) mod tests;
 mod upload;
@@ -46,6 +47,7 @@ pub use section::{Section, Wanted};
 use crate::scheduler::record::{Change, Millis};
 use crate::scheduler::{Decision, Farm, Job, NonceKey, Refusal, SchedulerConfig};
 use crate::store::{BlobStore, Commit, News, Sequence, StateStore, StoreError};
+use crate::webhook::Webhooks;
 use clock::Clock;
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::id::JobId;
@@ -55,7 +57,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
-use tokio::sync::{Mutex, RwLock, Semaphore, watch};
+use tokio::sync::{Mutex, Notify, RwLock, Semaphore, watch};
 
 pub use photonfarm_proto::VERSION;
 
@@ -100,8 +102,14 @@ pub struct Service {
     pub(crate) counts: counts::Counts,
     histories: history::Histories,
     log: log::Log,
+    /// URLs that are told when jobs end, if any are.
+    webhooks: Option<Webhooks>,
+    /// There is something to tell.
+    told: Notify,
     /// Connections that were refused, since their address had too many.
     pub(crate) refused_connections: Arc<AtomicU64>,
+    /// Lines of the audit log that could not be written.
+    pub(crate) audit_lost: Arc<AtomicU64>,
     /// Shared from the publication of bytes to the commit of their row; alone for the removal of bytes.
     publishing: RwLock<()>,
     /// Shared while a client learns which files of a bundle are missing; alone for the removal of one.
@@ -128,7 +136,12 @@ enum Doubt {
 
 impl Service {
     /// Goes on from what the stores hold.
-    pub async fn open(limits: Limits, scheduler: SchedulerConfig, stores: Stores) -> Result<Arc<Self>, ServiceError> {
+    pub(crate) async fn open(
+        limits: Limits,
+        scheduler: SchedulerConfig,
+        stores: Stores,
+        webhooks: Option<Webhooks>,
+    ) -> Result<Arc<Self>, ServiceError> {
         let clock = Clock::new();
         clock.measure(&*stores.state).await?;
         let scheduler = SchedulerConfig {
@@ -162,7 +175,10 @@ impl Service {
             counts: counts::Counts::default(),
             histories: history::Histories::default(),
             log,
+            webhooks,
+            told: Notify::new(),
             refused_connections: Arc::default(),
+            audit_lost: Arc::default(),
             publishing: RwLock::default(),
             naming: RwLock::default(),
         });
@@ -181,6 +197,7 @@ impl Service {
         let mut stopping = self.stopping.subscribe();
         let follower = tokio::spawn(self.clone().follow());
         let looker = tokio::spawn(self.clone().look_around());
+        let teller = tokio::spawn(self.clone().tell());
         let mut swept = Instant::now();
         loop {
             let step = async {
@@ -195,6 +212,9 @@ impl Service {
                     if let Err(error) = self.sweep().await {
                         tracing::warn!(%error, "garbage is left for later");
                     }
+                    if let Err(error) = self.forget_deliveries().await {
+                        tracing::warn!(%error, "deliveries of long ago are forgotten later");
+                    }
                 }
                 tokio::time::sleep(step).await;
             };
@@ -205,6 +225,7 @@ impl Service {
         }
         follower.abort();
         looker.abort();
+        teller.abort();
     }
 
     /// What the clock makes happen. Where several coordinators share the farm, one of them does it.
@@ -275,6 +296,7 @@ impl Service {
                     return Ok(reply);
                 }
                 let changes = cell.farm.with_successors(changes, now);
+                let changes = service.with_notices(&cell.farm, changes)?;
                 if now > last {
                     return Err(garbage::too_late());
                 }
@@ -401,6 +423,9 @@ impl Service {
         };
         if changes.iter().any(makes_work) {
             self.waiters.wake();
+        }
+        if changes.iter().any(|change| matches!(change, Change::NoticeAdded(_))) {
+            self.told.notify_one();
         }
     }
 

@@ -28,7 +28,7 @@ async fn open(url: &str, folder: &Path) -> Arc<Service> {
         lease_ttl_ms: 60_000,
         ..SchedulerConfig::default()
     };
-    Service::open(Limits::default(), scheduler, stores).await.unwrap()
+    Service::open(Limits::default(), scheduler, stores, None).await.unwrap()
 }
 
 async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
@@ -50,6 +50,7 @@ async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {
         name: String::new(),
         labels: Default::default(),
         after: None,
+        webhook: None,
     };
     service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id
 }

@@ -46,9 +46,14 @@ fn stores(folder: &Path, state: &Arc<MemoryStore>) -> Stores {
 }
 
 async fn open(folder: &Path, state: &Arc<MemoryStore>) -> Arc<Service> {
-    Service::open(Limits::default(), SchedulerConfig::default(), stores(folder, state))
-        .await
-        .unwrap()
+    Service::open(
+        Limits::default(),
+        SchedulerConfig::default(),
+        stores(folder, state),
+        None,
+    )
+    .await
+    .unwrap()
 }
 
 /// Two hours pass for the files of a folder.
@@ -83,7 +88,7 @@ impl World {
     }
 
     pub(super) async fn with(iterations: u32, folder: TempDir, state: Arc<MemoryStore>, stores: Stores) -> Self {
-        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores)
+        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores, None)
             .await
             .unwrap();
         let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
@@ -108,6 +113,7 @@ impl World {
             name: String::new(),
             labels: Default::default(),
             after: None,
+            webhook: None,
         };
         let job = service.submit_job(spec, None, &Caller::anyone()).await.unwrap().0.id;
         let register = Register {

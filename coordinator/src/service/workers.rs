@@ -136,6 +136,7 @@ impl Service {
                 name: String::new(),
                 labels: Default::default(),
                 after: None,
+                webhook: None,
                 schedule: Schedule::default(),
                 ..known.spec()
             },

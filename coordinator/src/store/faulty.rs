@@ -318,6 +318,27 @@ impl StateStore for FaultyState {
         self.inner.live_images().await
     }
 
+    async fn due_notices(&self, now: Millis, limit: u32) -> Result<Vec<NoticeRecord>, StoreError> {
+        self.inner.due_notices(now, limit).await
+    }
+
+    async fn notices(
+        &self,
+        job: Option<JobId>,
+        before: Option<String>,
+        limit: u32,
+    ) -> Result<Vec<NoticeRecord>, StoreError> {
+        self.inner.notices(job, before, limit).await
+    }
+
+    async fn keep_attempt(&self, record: NoticeRecord) -> Result<(), StoreError> {
+        self.inner.keep_attempt(record).await
+    }
+
+    async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError> {
+        self.inner.forget_notices(before).await
+    }
+
     fn is_shared(&self) -> bool {
         self.inner.is_shared()
     }

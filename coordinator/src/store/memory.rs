@@ -1,6 +1,9 @@
 //! A store for tests: state in memory, which can be told to fail.
 
-use super::{Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, image_bytes};
+use super::{
+    Announced, Commit, EndedJob, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
+    image_bytes,
+};
 use crate::scheduler::record::{
     BlobName, Change, Counters, JobControl, JobHead, JobRecord, Millis, Snapshot, WorkerRecord,
 };
@@ -27,6 +30,7 @@ pub(crate) struct Rows {
     pictures: BTreeMap<(JobId, &'static str), PictureRecord>,
     /// Iterations of deleted jobs, by owner.
     used: BTreeMap<String, u64>,
+    notices: BTreeMap<String, NoticeRecord>,
 }
 
 impl Rows {
@@ -127,6 +131,16 @@ impl Rows {
                 let job = self.job(*job);
                 job.leases.clear();
                 (job.state, job.failure, job.ended_ms) = (*state, failure.clone(), Some(*ended_ms));
+            }
+            Change::NoticeAdded(notice) => {
+                let record = NoticeRecord {
+                    notice: notice.clone(),
+                    attempts: 0,
+                    due_ms: Some(notice.created_ms),
+                    ended_ms: None,
+                    error: None,
+                };
+                assert!(self.notices.insert(notice.id.clone(), record).is_none());
             }
         }
     }
@@ -377,5 +391,45 @@ impl StateStore for MemoryStore {
         Ok(nodes
             .chain(rows.pictures.values().map(|picture| picture.image))
             .collect())
+    }
+
+    async fn due_notices(&self, now: Millis, limit: u32) -> Result<Vec<NoticeRecord>, StoreError> {
+        let rows = self.rows();
+        let due = rows
+            .notices
+            .values()
+            .filter(|record| record.due_ms.is_some_and(|due| due <= now));
+        let mut due: Vec<NoticeRecord> = due.cloned().collect();
+        due.sort_by_key(|record| (!record.notice.trusted, record.due_ms));
+        due.truncate(limit as usize);
+        Ok(due)
+    }
+
+    async fn notices(
+        &self,
+        job: Option<JobId>,
+        before: Option<String>,
+        limit: u32,
+    ) -> Result<Vec<NoticeRecord>, StoreError> {
+        let rows = self.rows();
+        let wanted = rows.notices.values().rev().filter(|NoticeRecord { notice, .. }| {
+            job.is_none_or(|job| notice.job == job) && before.as_ref().is_none_or(|before| notice.id < *before)
+        });
+        Ok(wanted.take(limit as usize).cloned().collect())
+    }
+
+    async fn keep_attempt(&self, record: NoticeRecord) -> Result<(), StoreError> {
+        let mut rows = self.rows();
+        if let Some(known) = rows.notices.get_mut(&record.notice.id) {
+            *known = record;
+        }
+        Ok(())
+    }
+
+    async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError> {
+        let notices = &mut self.rows().notices;
+        let count = notices.len();
+        notices.retain(|_, record| record.ended_ms.is_none_or(|ended| ended >= before));
+        Ok((count - notices.len()) as u64)
     }
 }

@@ -13,6 +13,8 @@ pub(crate) mod faulty;
 mod folder;
 #[cfg(test)]
 pub(crate) mod memory;
+#[cfg(test)]
+mod notice_tests;
 mod object;
 mod place;
 mod postgres;
@@ -26,9 +28,11 @@ mod sql_bundles;
 mod sql_changes;
 mod sql_farm;
 mod sql_jobs;
+mod sql_notices;
 mod sql_pictures;
 mod sql_tokens;
 mod sqlite;
+mod sqlite_schema;
 #[cfg(test)]
 mod tests;
 mod token;
@@ -41,7 +45,7 @@ pub use postgres::PostgresStore;
 pub use sqlite::SqliteStore;
 pub use token::TokenRecord;
 
-use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
+use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Notice, Snapshot};
 use async_trait::async_trait;
 use bytes::Bytes;
 use photonfarm_proto::api::FarmIdentity;
@@ -234,6 +238,21 @@ pub struct EndedJob {
     pub bytes: u64,
 }
 
+/// Something that a URL is to be told, and what became of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NoticeRecord {
+    /// What, and where.
+    pub notice: Notice,
+    /// How often it was sent.
+    pub attempts: u32,
+    /// When it is to be sent; none once it has arrived or was given up.
+    pub due_ms: Option<Millis>,
+    /// When it arrived or was given up.
+    pub ended_ms: Option<Millis>,
+    /// Why the last attempt failed; none if it arrived.
+    pub error: Option<String>,
+}
+
 /// Bytes of an image of a node of a job whose images have this size, once that is known.
 fn image_bytes(spec: &JobSpec, resolution: Option<[u32; 2]>) -> u64 {
     let [width, height] = resolution.unwrap_or_default();
@@ -337,6 +356,19 @@ pub trait StateStore: Send + Sync {
     async fn pictures(&self, job: JobId) -> Result<Vec<BlobName>, StoreError>;
     /// Names of the images of all nodes that count, and of the pictures, of all jobs.
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError>;
+    /// Up to `limit` notices that are to be sent by now: those to URLs of the farm first, then those that are due for longest.
+    async fn due_notices(&self, now: Millis, limit: u32) -> Result<Vec<NoticeRecord>, StoreError>;
+    /// Up to `limit` notices, newest first, below the notice `before`; those about one job if it is named.
+    async fn notices(
+        &self,
+        job: Option<JobId>,
+        before: Option<String>,
+        limit: u32,
+    ) -> Result<Vec<NoticeRecord>, StoreError>;
+    /// Keeps what became of an attempt to send a notice.
+    async fn keep_attempt(&self, record: NoticeRecord) -> Result<(), StoreError>;
+    /// Forgets notices that arrived or were given up before a time. Returns how many.
+    async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError>;
 
     /// Whether several coordinators may use the store at once.
     fn is_shared(&self) -> bool {

@@ -9,8 +9,8 @@ use super::postgres_tls::connector;
 use super::sql::{self, Answer, Queries};
 use super::sql_changes::apply;
 use super::{
-    Announced, Beat, Commit, EndedJob, News, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, sql_bundles,
-    sql_farm, sql_jobs, sql_pictures, sql_tokens,
+    Announced, Beat, Commit, EndedJob, News, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError,
+    TokenRecord, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
 };
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -556,5 +556,34 @@ impl StateStore for PostgresStore {
 
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
         self.ask(|queries| Box::pin(sql_pictures::live_images(queries))).await
+    }
+
+    async fn due_notices(&self, now: Millis, limit: u32) -> Result<Vec<NoticeRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_notices::due(queries, now, limit)))
+            .await
+    }
+
+    async fn notices(
+        &self,
+        job: Option<JobId>,
+        before: Option<String>,
+        limit: u32,
+    ) -> Result<Vec<NoticeRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_notices::notices(queries, job, before.clone(), limit)))
+            .await
+    }
+
+    async fn keep_attempt(&self, record: NoticeRecord) -> Result<(), StoreError> {
+        self.change(None, move |queries| {
+            Box::pin(async move { Ok((sql_notices::keep_attempt(queries, &record).await?, true)) })
+        })
+        .await
+    }
+
+    async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError> {
+        self.change(None, move |queries| {
+            Box::pin(async move { Ok((sql_notices::forget(queries, before).await?, true)) })
+        })
+        .await
     }
 }

@@ -9,7 +9,7 @@ use photonfarm_proto::api::FarmIdentity;
 const SCHEMA: i64 = 0x5048_464d_0002;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5];
 
 const SCHEMA_1: &str = "
 CREATE TABLE farm (
@@ -67,6 +67,16 @@ CREATE TABLE picture (
     bytes BIGINT NOT NULL, PRIMARY KEY (job, format));
 ";
 
+/// What URLs are to be told, and what became of it.
+const SCHEMA_5: &str = "
+CREATE TABLE notice (
+    id TEXT PRIMARY KEY, job BIGINT NOT NULL, url TEXT NOT NULL, trusted BIGINT NOT NULL, body TEXT NOT NULL,
+    created_ms BIGINT NOT NULL, attempts BIGINT NOT NULL, due_ms BIGINT, ended_ms BIGINT, error TEXT);
+CREATE INDEX notice_due ON notice (due_ms) WHERE due_ms IS NOT NULL;
+CREATE INDEX notice_ended ON notice (ended_ms) WHERE ended_ms IS NOT NULL;
+CREATE INDEX notice_of_job ON notice (job, id);
+";
+
 /// What a restored or copied database does not share with the one that it comes from: the cluster, its history (which forks
 /// when an older state, or another server, takes over), the database and its tables.
 const MARK: &str =
@@ -87,6 +97,10 @@ const COLUMNS: &[(&str, &str)] = &[
     ("token", "name record"),
     ("used", "owner iterations"),
     ("picture", "job format etag name bytes"),
+    (
+        "notice",
+        "id job url trusted body created_ms attempts due_ms ended_ms error",
+    ),
     (
         "job",
         "id spec owner key created_ms state failure ended_ms width height totals control share_ms scene",

@@ -5,6 +5,7 @@ use async_trait::async_trait;
 use photonfarm_proto::id::BlobHash;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::borrow::Cow;
 use std::pin::Pin;
 
 /// A value of a column.
@@ -23,16 +24,16 @@ pub(super) enum Value {
 /// A statement with its parameters.
 #[derive(Clone, Debug)]
 pub(super) struct Statement {
-    pub(super) sql: &'static str,
+    pub(super) sql: Cow<'static, str>,
     pub(super) values: Vec<Value>,
     /// Rows that it has to change, where another number of them means that something else happened meanwhile.
     pub(super) expected: Option<u64>,
 }
 
 impl Statement {
-    pub(super) fn new<const N: usize>(sql: &'static str, values: [Value; N]) -> Self {
+    pub(super) fn new(sql: impl Into<Cow<'static, str>>, values: impl Into<Vec<Value>>) -> Self {
         Self {
-            sql,
+            sql: sql.into(),
             values: values.into(),
             expected: None,
         }
@@ -55,6 +56,10 @@ pub(super) fn flag(value: bool) -> Value {
 
 pub(super) fn text(value: &Option<String>) -> Value {
     value.clone().map_or(Value::Null, Value::Text)
+}
+
+pub(super) fn optional(value: Option<u64>) -> Result<Value, StoreError> {
+    value.map_or(Ok(Value::Null), integer)
 }
 
 pub(super) fn hash(value: BlobHash) -> Value {

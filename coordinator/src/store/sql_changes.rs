@@ -1,7 +1,7 @@
 //! What each change does to the rows of an SQL database.
 
-use super::StoreError;
 use super::sql::{Queries, Statement, Value, flag, hash, integer, json, small, text};
+use super::{StoreError, sql_notices};
 use crate::scheduler::record::{Change, JobHead, JobRecord, LeaseRecord, Millis, NodeRecord, Renewal, WorkerRecord};
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobState, Totals};
@@ -99,6 +99,7 @@ fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
                 Statement::new(sql, values),
             ]
         }
+        Change::NoticeAdded(notice) => vec![sql_notices::add(notice)?],
     })
 }
 

@@ -6,9 +6,10 @@
 
 use super::sql::{Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
+use super::sqlite_schema::{VERSION, foreign, prepare_schema};
 use super::{
-    Announced, Commit, EndedJob, PictureRecord, Sequence, StateStore, StoreError, TokenRecord, check_file,
-    not_writable, sql_bundles, sql_farm, sql_jobs, sql_pictures, sql_tokens,
+    Announced, Commit, EndedJob, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
+    check_file, not_writable, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
 };
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
@@ -18,112 +19,12 @@ use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::token::Usage;
 use rusqlite::types::{ToSqlOutput, ValueRef};
-use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, Transaction, TransactionBehavior, params_from_iter};
+use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, TransactionBehavior, params_from_iter};
 use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-
-/// "PHFM": marks the file as ours.
-const APPLICATION_ID: i32 = 0x5048_464d;
-
-/// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6, SCHEMA_7];
-
-pub(super) const SCHEMA_1: &str = "
-CREATE TABLE counter (name TEXT PRIMARY KEY, value INTEGER NOT NULL) STRICT, WITHOUT ROWID;
-CREATE TABLE worker (
-    id INTEGER PRIMARY KEY, name TEXT NOT NULL, threads INTEGER NOT NULL, renderer TEXT NOT NULL) STRICT;
-CREATE TABLE bundle (hash BLOB PRIMARY KEY, manifest TEXT NOT NULL) STRICT, WITHOUT ROWID;
-CREATE TABLE bundle_blob (blob BLOB, bytes INTEGER, PRIMARY KEY (blob, bytes)) STRICT, WITHOUT ROWID;
-CREATE TABLE job (
-    id INTEGER PRIMARY KEY, spec TEXT NOT NULL, key TEXT UNIQUE, created_ms INTEGER NOT NULL,
-    state TEXT NOT NULL, failure TEXT, ended_ms INTEGER, width INTEGER, height INTEGER, totals TEXT NOT NULL) STRICT;
-CREATE INDEX job_going_on ON job (id) WHERE ended_ms IS NULL;
-CREATE TABLE node (
-    job INTEGER NOT NULL REFERENCES job, level INTEGER NOT NULL, place INTEGER NOT NULL, digest BLOB NOT NULL,
-    live INTEGER NOT NULL, PRIMARY KEY (job, level, place)) STRICT, WITHOUT ROWID;
-CREATE TABLE lease (
-    token INTEGER PRIMARY KEY, job INTEGER NOT NULL REFERENCES job, level INTEGER NOT NULL, place INTEGER NOT NULL,
-    worker INTEGER NOT NULL, attempt INTEGER NOT NULL, granted_ms INTEGER NOT NULL, expected_ms INTEGER) STRICT;
-CREATE INDEX lease_of_job ON lease (job);
-CREATE TABLE failure (
-    job INTEGER NOT NULL REFERENCES job, leaf INTEGER NOT NULL, attempt TEXT NOT NULL) STRICT;
-CREATE INDEX failure_of_job ON failure (job);
-";
-
-/// Tokens, and whose jobs and files there are.
-const SCHEMA_2: &str = "
-CREATE TABLE token (name TEXT PRIMARY KEY, record TEXT NOT NULL) STRICT, WITHOUT ROWID;
-CREATE TABLE owned_blob (
-    owner TEXT, blob BLOB, bytes INTEGER NOT NULL, PRIMARY KEY (owner, blob)) STRICT, WITHOUT ROWID;
-ALTER TABLE job ADD COLUMN owner TEXT NOT NULL DEFAULT '';
-CREATE INDEX job_of_owner ON job (owner);
-";
-
-/// How jobs go on; workers, nodes and leases with all that is kept of them, as JSON.
-const SCHEMA_3: &str = "
-ALTER TABLE job ADD COLUMN control TEXT;
-ALTER TABLE job ADD COLUMN share_ms INTEGER NOT NULL DEFAULT 0;
-ALTER TABLE worker ADD COLUMN record TEXT;
-UPDATE worker SET record = json_object('id', id, 'name', name, 'threads', threads, 'renderer', renderer);
-ALTER TABLE node ADD COLUMN record TEXT;
-UPDATE node SET record = json_object(
-    'digest', lower(hex(digest)), 'live', json(CASE live WHEN 0 THEN 'false' ELSE 'true' END));
-ALTER TABLE lease ADD COLUMN record TEXT;
-UPDATE lease SET record = json_object(
-    'token', token, 'job', job, 'node', json_object('level', level, 'index', place), 'worker', worker,
-    'attempt', attempt, 'granted_ms', granted_ms, 'expected_ms', expected_ms);
-";
-
-/// Columns as every SQL database can have them: what changes of a record on its own is a column of its own.
-const SCHEMA_4: &str = "
-ALTER TABLE worker DROP COLUMN name;
-ALTER TABLE worker DROP COLUMN threads;
-ALTER TABLE worker DROP COLUMN renderer;
-ALTER TABLE worker ADD COLUMN standing TEXT;
-UPDATE worker SET standing = json_extract(record, '$.standing');
-ALTER TABLE lease DROP COLUMN level;
-ALTER TABLE lease DROP COLUMN place;
-ALTER TABLE lease DROP COLUMN worker;
-ALTER TABLE lease DROP COLUMN attempt;
-ALTER TABLE lease DROP COLUMN granted_ms;
-ALTER TABLE lease DROP COLUMN expected_ms;
-ALTER TABLE lease ADD COLUMN until_ms INTEGER NOT NULL DEFAULT 0;
-ALTER TABLE lease ADD COLUMN restarts INTEGER NOT NULL DEFAULT 0;
-UPDATE lease SET until_ms = coalesce(json_extract(record, '$.until_ms'), 0),
-    restarts = coalesce(json_extract(record, '$.restarts'), 0);
-ALTER TABLE failure RENAME TO old_failure;
-DROP INDEX failure_of_job;
-CREATE TABLE failure (
-    number INTEGER PRIMARY KEY, job INTEGER NOT NULL REFERENCES job, leaf INTEGER NOT NULL, attempt TEXT NOT NULL)
-    STRICT;
-CREATE INDEX failure_of_job ON failure (job);
-INSERT INTO failure (job, leaf, attempt) SELECT job, leaf, attempt FROM old_failure ORDER BY rowid;
-DROP TABLE old_failure;
-";
-
-/// Which farm it is.
-const SCHEMA_5: &str = "CREATE TABLE identity (farm TEXT NOT NULL, epoch INTEGER NOT NULL, mark TEXT) STRICT;";
-
-/// What deletion needs: which scene each job names, when each bundle was last named by a client, and what deleted jobs
-/// used of quotas.
-const SCHEMA_6: &str = "
-ALTER TABLE job ADD COLUMN scene BLOB;
-UPDATE job SET scene = unhex(json_extract(spec, '$.scene'));
-CREATE INDEX job_of_scene ON job (scene);
-ALTER TABLE bundle ADD COLUMN named_ms INTEGER NOT NULL DEFAULT 0;
-UPDATE bundle SET named_ms = CAST(unixepoch('subsec') * 1000 AS INTEGER);
-CREATE TABLE used (owner TEXT PRIMARY KEY, iterations INTEGER NOT NULL) STRICT, WITHOUT ROWID;
-";
-
-/// Pictures of jobs that have ended.
-const SCHEMA_7: &str = "
-CREATE TABLE picture (
-    job INTEGER NOT NULL REFERENCES job, format TEXT NOT NULL, etag TEXT NOT NULL, name TEXT NOT NULL,
-    bytes INTEGER NOT NULL, PRIMARY KEY (job, format)) STRICT, WITHOUT ROWID;
-";
 
 /// Longest wait for others that have the database open, such as a backup that ends.
 const BUSY: Duration = Duration::from_secs(5);
@@ -207,11 +108,8 @@ impl SqliteStore {
         let database = Connection::open_with_flags(from, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
         database.busy_timeout(BUSY)?;
         let version: i32 = database.pragma_query_value(None, "user_version", |row| row.get(0))?;
-        if version as usize != MIGRATIONS.len() {
-            let reason = format!(
-                "schema {version}, this program has {}: start the farm with it first",
-                MIGRATIONS.len()
-            );
+        if version as usize != VERSION {
+            let reason = format!("schema {version}, this program has {VERSION}: start the farm with it first");
             return Err(foreign(from, reason));
         }
         database.execute("VACUUM INTO ?1", [name])?;
@@ -331,7 +229,7 @@ struct Ready<'a>(&'a mut Connection);
 #[async_trait]
 impl Queries for Ready<'_> {
     async fn query(&mut self, Statement { sql, values, .. }: Statement) -> Result<Vec<Row>, StoreError> {
-        let mut statement = self.0.prepare_cached(sql)?;
+        let mut statement = self.0.prepare_cached(&sql)?;
         let columns = statement.column_count();
         let mut rows = statement.query(params_from_iter(&values))?;
         let mut found = Vec::new();
@@ -343,7 +241,7 @@ impl Queries for Ready<'_> {
     }
 
     async fn execute(&mut self, Statement { sql, values, .. }: Statement) -> Result<u64, StoreError> {
-        Ok(self.0.prepare_cached(sql)?.execute(params_from_iter(&values))? as u64)
+        Ok(self.0.prepare_cached(&sql)?.execute(params_from_iter(&values))? as u64)
     }
 }
 
@@ -369,38 +267,6 @@ impl ToSql for Value {
             Self::Bytes(bytes) => ValueRef::Blob(bytes),
         }))
     }
-}
-
-fn foreign(path: &Path, reason: String) -> StoreError {
-    StoreError::Foreign {
-        place: path.display().to_string(),
-        reason,
-    }
-}
-
-fn prepare_schema(transaction: &Transaction, path: &Path) -> Result<(), StoreError> {
-    let pragma = |name: &str| transaction.pragma_query_value(None, name, |row| row.get::<_, i32>(0));
-    let tables: i64 = transaction.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
-    let found = match (pragma("application_id")?, pragma("user_version")?) {
-        (0, 0) if tables == 0 => 0,
-        (APPLICATION_ID, version @ 1..) => version as usize,
-        _ => return Err(foreign(path, "a database of another program".into())),
-    };
-    let current = MIGRATIONS.len();
-    if found > current {
-        let reason = format!("made by a newer version: schema {found}, this program has {current}");
-        return Err(foreign(path, reason));
-    }
-    let check: String = transaction.query_row("PRAGMA quick_check(1)", [], |row| row.get(0))?;
-    if check != "ok" {
-        return Err(foreign(path, format!("the database is damaged: {check}")));
-    }
-    for migration in &MIGRATIONS[found..] {
-        transaction.execute_batch(migration)?;
-    }
-    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
-    transaction.pragma_update(None, "user_version", current as i32)?;
-    Ok(())
 }
 
 #[async_trait]
@@ -541,5 +407,32 @@ impl StateStore for SqliteStore {
 
     async fn live_images(&self) -> Result<Vec<BlobName>, StoreError> {
         self.ask(|queries| Box::pin(sql_pictures::live_images(queries))).await
+    }
+
+    async fn due_notices(&self, now: Millis, limit: u32) -> Result<Vec<NoticeRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_notices::due(queries, now, limit)))
+            .await
+    }
+
+    async fn notices(
+        &self,
+        job: Option<JobId>,
+        before: Option<String>,
+        limit: u32,
+    ) -> Result<Vec<NoticeRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(sql_notices::notices(queries, job, before, limit)))
+            .await
+    }
+
+    async fn keep_attempt(&self, record: NoticeRecord) -> Result<(), StoreError> {
+        self.change(move |queries| {
+            Box::pin(async move { Ok((sql_notices::keep_attempt(queries, &record).await?, true)) })
+        })
+        .await
+    }
+
+    async fn forget_notices(&self, before: Millis) -> Result<u64, StoreError> {
+        self.change(move |queries| Box::pin(async move { Ok((sql_notices::forget(queries, before).await?, true)) }))
+            .await
     }
 }

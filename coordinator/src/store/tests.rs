@@ -30,6 +30,7 @@ fn spec() -> JobSpec {
         name: String::new(),
         labels: Default::default(),
         after: None,
+        webhook: None,
     }
 }
 
@@ -293,7 +294,7 @@ async fn a_farm_of_the_first_version_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("farm.sqlite");
     let old = rusqlite::Connection::open(&path).unwrap();
-    old.execute_batch(super::sqlite::SCHEMA_1).unwrap();
+    old.execute_batch(super::sqlite_schema::SCHEMA_1).unwrap();
     let (spec_text, totals) = (
         serde_json::to_string(&spec()),
         serde_json::to_string(&Totals::default()),

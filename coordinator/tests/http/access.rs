@@ -80,7 +80,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 46] = [
+const ROUTES: [(&str, &str, &[Role]); 47] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
@@ -123,6 +123,7 @@ const ROUTES: [(&str, &str, &[Role]); 46] = [
     ("POST", "/v1/tokens", RULES),
     ("GET", "/v1/tokens", RULES),
     ("DELETE", "/v1/tokens/{name}", RULES),
+    ("GET", "/v1/webhooks", RULES),
     ("POST", "/v1/workers/{id}/quarantine", RULES),
     ("POST", "/v1/workers/{id}/release", RULES),
     ("POST", "/v1/workers/{id}/drain", RULES),

@@ -1,9 +1,11 @@
 //! The HTTP interface over a real connection.
 
 mod access;
+mod audit;
 mod clients;
 mod connections;
 mod page;
 mod steering;
 mod support;
+mod webhooks;
 mod workers;

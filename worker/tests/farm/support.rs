@@ -384,6 +384,7 @@ impl Farm {
             name: String::new(),
             labels: Default::default(),
             after: None,
+            webhook: None,
         };
         let reply = self.http.post(self.url("jobs")).json(&spec).send().await.unwrap();
         assert_eq!(reply.status(), 201);

@@ -30,6 +30,7 @@ fn spec(iterations: u32) -> JobSpec {
         name: String::new(),
         labels: Default::default(),
         after: None,
+        webhook: None,
     }
 }
 

@@ -189,6 +189,7 @@ impl World {
             name: String::new(),
             labels: Default::default(),
             after: None,
+            webhook: None,
         };
         let owner = if self.random.chance(50) { "ann" } else { "bob" };
         let decision = self.farm.submit(spec, owner.to_owned(), None, self.now);
