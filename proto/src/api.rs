@@ -1,7 +1,7 @@
 //! JSON messages of the public interface that are not types of their own.
 
 use crate::id::{BlobHash, JobId, WorkerId};
-use crate::job::JobStatus;
+use crate::job::{JobState, JobStatus};
 use crate::limits::Limits;
 use crate::token::Role;
 use crate::waiting::Waiting;
@@ -43,13 +43,56 @@ pub struct FarmIdentity {
     pub epoch: u64,
 }
 
-/// A page of jobs, newest first.
+/// A page of jobs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobPage {
     /// The jobs.
     pub jobs: Vec<JobStatus>,
     /// Value of `cursor` for the next page; absent on the last.
     pub next: Option<String>,
+}
+
+/// A state that jobs are listed by: that of the job, but that a job which goes on and is paused is `paused`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ListedState {
+    /// Nothing of it has been handed out.
+    Queued,
+    /// Workers are at it, or were.
+    Running,
+    /// It goes on, and nothing of it is handed out.
+    Paused,
+    /// Every iteration is in the image.
+    Done,
+    /// It ended without all of its iterations.
+    Failed,
+    /// It was cancelled.
+    Cancelled,
+}
+
+impl ListedState {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 6] = [
+        ("queued", Self::Queued),
+        ("running", Self::Running),
+        ("paused", Self::Paused),
+        ("done", Self::Done),
+        ("failed", Self::Failed),
+        ("cancelled", Self::Cancelled),
+    ];
+
+    /// The state of a job.
+    #[must_use]
+    pub fn of(state: JobState, paused: bool) -> Self {
+        match state {
+            JobState::Queued | JobState::Running if paused => Self::Paused,
+            JobState::Queued => Self::Queued,
+            JobState::Running => Self::Running,
+            JobState::Done => Self::Done,
+            JobState::Failed => Self::Failed,
+            JobState::Cancelled => Self::Cancelled,
+        }
+    }
 }
 
 /// A worker that was heard of lately.

@@ -212,20 +212,20 @@ impl Client {
         Ok(self.retry(FIRST_PATIENCE, request).await?.json().await?)
     }
 
-    /// The newest jobs that are wanted, newest first.
-    pub(crate) async fn jobs(&self, limit: usize, wanted: impl Fn(&JobStatus) -> bool) -> Result<Vec<JobStatus>> {
-        let (mut found, mut cursor) = (Vec::new(), String::new());
-        loop {
-            let path = format!("jobs?limit={PAGE}{cursor}");
-            let request = || self.request(Method::GET, &path);
+    /// The newest of the jobs that the farm finds by a query, newest first.
+    pub(crate) async fn jobs(&self, limit: usize, query: &[(&str, &str)]) -> Result<Vec<JobStatus>> {
+        let (mut found, mut cursor) = (Vec::new(), None);
+        while found.len() < limit {
+            let count = (limit - found.len()).min(PAGE).to_string();
+            let page = [("limit", Some(count)), ("cursor", cursor.take())];
+            let request = || self.request(Method::GET, "jobs").query(query).query(&page);
             let page: JobPage = self.retry(FIRST_PATIENCE, request).await?.json().await?;
-            found.extend(page.jobs.into_iter().filter(&wanted));
-            match page.next {
-                Some(next) if found.len() < limit => cursor = format!("&cursor={next}"),
-                _ => break,
+            found.extend(page.jobs);
+            cursor = page.next;
+            if cursor.is_none() {
+                break;
             }
         }
-        found.truncate(limit);
         Ok(found)
     }
 

@@ -178,7 +178,7 @@ async fn measure(
                 submit::send(client, &job).await?
             }
             false => {
-                let known = client.jobs(1, |_| true).await?.pop().context("the job is gone")?;
+                let known = client.jobs(1, &[]).await?.pop().context("the job is gone")?;
                 client.post_job(known.id, "extend", &Extend { iterations }).await?
             }
         };

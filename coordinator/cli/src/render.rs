@@ -216,7 +216,7 @@ async fn render(
 
 /// Sends the job, or finds it where an earlier render has begun with it.
 async fn begin(client: &Client, job: &PreparedJob, farm: &Path, earlier: Earlier) -> Result<JobStatus> {
-    let Some(begun) = client.jobs(1, |_| true).await?.pop() else {
+    let Some(begun) = client.jobs(1, &[]).await?.pop() else {
         return submit::send(client, job).await;
     };
     let (done, all) = (begun.iterations_done, job.spec.iterations);
@@ -254,7 +254,7 @@ async fn begin(client: &Client, job: &PreparedJob, farm: &Path, earlier: Earlier
 /// What there is of the picture. One worker delivers iterations in their order, so that they are the first ones.
 async fn interrupted(client: &Client) -> Result<Option<Rendered>> {
     match client
-        .jobs(1, |_| true)
+        .jobs(1, &[])
         .await?
         .pop()
         .filter(|job| job.iterations_done > 0)

@@ -54,7 +54,7 @@ pub(crate) fn jobs(args: JobsArgs) -> Result<()> {
 
 /// The jobs that are asked for, in their order.
 async fn list(client: &Client, args: &JobsArgs) -> Result<Vec<JobStatus>> {
-    let mut jobs = client.jobs(args.limit, |job| args.wants(job)).await?;
+    let mut jobs = client.jobs(args.limit, &args.query()).await?;
     if let Some(field) = args.sort {
         table::sort(&mut jobs, field);
     }

@@ -1,11 +1,9 @@
 //! The command line of what looks at a farm and steers it.
 
 use crate::farm_args::{CredentialArgs, FarmArgs};
-use crate::table;
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand, ValueEnum};
 use photonfarm_proto::id::{JobId, WorkerId};
-use photonfarm_proto::job::JobStatus;
 use photonfarm_proto::schedule::{PRIORITY, Schedule};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
@@ -71,22 +69,13 @@ pub(crate) enum SortField {
 }
 
 impl JobsArgs {
-    /// Whether a job is to be listed.
-    pub(crate) fn wants(&self, job: &JobStatus) -> bool {
-        let state = table::state(job);
-        (self.state.is_empty() || self.state.iter().any(|wanted| wanted == state))
-            && self.owner.as_ref().is_none_or(|owner| *owner == job.owner)
-            && self.name.as_ref().is_none_or(|part| table::name(job).contains(part))
-            && self.label.iter().all(|wanted| has_label(job, wanted))
-    }
-}
-
-/// Whether a job has a label: `KEY`, or `KEY=VALUE`.
-fn has_label(job: &JobStatus, wanted: &str) -> bool {
-    let labels = &job.spec.labels;
-    match wanted.split_once('=') {
-        Some((name, value)) => labels.get(name).is_some_and(|found| found == value),
-        None => labels.contains_key(wanted),
+    /// What the farm is asked for.
+    pub(crate) fn query(&self) -> Vec<(&'static str, &str)> {
+        let states = self.state.iter().map(|state| ("state", state.as_str()));
+        let owner = self.owner.iter().map(|owner| ("owner", owner.as_str()));
+        let name = self.name.iter().map(|name| ("name", name.as_str()));
+        let labels = self.label.iter().map(|label| ("label", label.as_str()));
+        states.chain(owner).chain(name).chain(labels).collect()
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::events::{NO_BUFFERING, RETRY};
 use super::{ApiError, App};
+use crate::store::JobFilter;
 use axum::extract::State;
 use axum::response::sse::{Event, KeepAlive};
 use axum::response::{IntoResponse, Response, Sse};
@@ -87,7 +88,7 @@ impl Watcher {
 
     /// What is not as it was told.
     async fn news(&mut self) -> Result<FarmNews, ApiError> {
-        let page = self.service.list_jobs(None, Some(JOBS)).await?;
+        let page = self.service.list_jobs(JobFilter::default(), Some(JOBS)).await?;
         let workers = self.service.workers().await?;
         let now: BTreeMap<JobId, JobStatus> = page.jobs.into_iter().map(|job| (job.id, job)).collect();
         let changed = now.iter().filter(|(id, job)| self.jobs.get(id) != Some(job));

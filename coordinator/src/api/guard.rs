@@ -9,7 +9,7 @@ use crate::server::Peer;
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
 use axum::http::header::{AUTHORIZATION, LOCATION};
 use axum::http::request::Parts;
-use axum::http::{HeaderValue, Method};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use photonfarm_proto::api::FARM;
@@ -33,7 +33,7 @@ pub(super) struct Made(pub(super) String);
 pub(super) async fn identify(State(door): State<Arc<Door>>, mut request: Request, next: Next) -> Response {
     let peer = address(request.extensions().get::<Peer>());
     let asked = changes_something(&request).then(|| Asked::of(&request));
-    let (caller, response) = match admit(&door.gate, &request, peer).await {
+    let (caller, response) = match admit(&door.gate, request.method(), request.headers(), peer).await {
         Ok(caller) => {
             if let Some(caller) = caller.clone() {
                 request.extensions_mut().insert(caller);
@@ -54,15 +54,15 @@ pub(super) async fn identify(State(door): State<Arc<Door>>, mut request: Request
     response
 }
 
-async fn admit(gate: &Gate, request: &Request, peer: IpAddr) -> Result<Option<Caller>, ApiError> {
-    let header = request.headers().get(AUTHORIZATION);
+async fn admit(gate: &Gate, method: &Method, headers: &HeaderMap, peer: IpAddr) -> Result<Option<Caller>, ApiError> {
+    let header = headers.get(AUTHORIZATION);
     let header = match header.map(|value| value.to_str().unwrap_or("").to_owned()) {
-        None => session::authorization(request.method(), request.headers())?,
+        None => session::authorization(method, headers)?,
         header => header,
     };
     let caller = gate.admit(header.as_deref(), peer).await?;
     if caller.as_ref().is_some_and(Caller::is_anyone) {
-        local::check(request.method(), request.headers())?;
+        local::check(method, headers)?;
     }
     Ok(caller)
 }

@@ -2,20 +2,18 @@
 
 use super::extract::{Id, JsonBody, Params};
 use super::guard::{By, Steered};
+use super::listing::{JobOrder, Listing};
 use super::{ApiError, App};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobLog, JobPage};
+use photonfarm_proto::api::{IDEMPOTENCY_KEY, JobLog, JobPage, ListedState};
 use photonfarm_proto::history::JobHistory;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::{JobSpec, JobStatus};
 use photonfarm_proto::problem::{ErrorCode, Problem};
-use serde::Deserialize;
 
-/// Most jobs on a page.
-const PAGE: u32 = 100;
 /// Longest idempotency key.
 const KEY_BYTES: usize = 255;
 
@@ -54,32 +52,29 @@ pub(super) async fn submit(
     Ok((code, location, Json(status)).into_response())
 }
 
-/// Which page of jobs.
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct PageParams {
-    /// The `next` of the page before.
-    cursor: Option<String>,
-    /// Jobs on the page.
-    #[param(minimum = 1, maximum = 100)]
-    limit: Option<u32>,
-}
-
-/// Jobs, newest first.
+/// Jobs: all, or those that the parameters ask for; the newest first, or the oldest.
 #[utoipa::path(
-    get, path = "/v1/jobs", operation_id = "list_jobs", params(PageParams),
+    get, path = "/v1/jobs", operation_id = "list_jobs",
+    params(
+        ("state" = Option<Vec<ListedState>>, Query, description = "jobs of this state; of one of these where it is given several times"),
+        ("owner" = Option<String>, Query, description = "jobs that were submitted with the token of this name", max_length = 200),
+        ("label" = Option<Vec<String>>, Query, description = "jobs that have this label, `NAME=VALUE`, or `NAME` whatever its value; \
+            all of these where it is given several times, at most 8"),
+        ("name" = Option<String>, Query, description = "jobs whose name has this in it; that of the scene file where they have none", max_length = 200),
+        ("created_after" = Option<String>, Query, description = "jobs that were submitted after this time (RFC 3339)"),
+        ("created_before" = Option<String>, Query, description = "jobs that were submitted before this time (RFC 3339)"),
+        ("order" = Option<JobOrder>, Query, description = "which come first [default: `newest`]"),
+        ("cursor" = Option<String>, Query, description = "the `next` of the page before, of the same order"),
+        ("limit" = Option<u32>, Query, description = "jobs on the page [default: 20]", minimum = 1, maximum = 100)
+    ),
     responses((status = 200, body = JobPage), (status = "4XX", body = Problem))
 )]
 pub(super) async fn list(
     State(service): State<App>,
-    Params(page): Params<PageParams>,
+    Params(given): Params<Vec<(String, String)>>,
 ) -> Result<Json<JobPage>, ApiError> {
-    if page.limit.is_some_and(|limit| !(1..=PAGE).contains(&limit)) {
-        let detail = format!("limit: a page has 1 to {PAGE} jobs");
-        return Err(Problem::new(ErrorCode::Invalid, detail).at("limit", None).into());
-    }
-    Ok(Json(service.list_jobs(page.cursor.as_deref(), page.limit).await?))
+    let Listing { filter, limit } = Listing::read(given)?;
+    Ok(Json(service.list_jobs(filter, limit).await?))
 }
 
 /// How far a job has come.

@@ -8,6 +8,7 @@ mod farm;
 mod guard;
 mod images;
 mod jobs;
+mod listing;
 mod local;
 mod metrics;
 mod page;

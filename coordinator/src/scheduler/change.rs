@@ -24,7 +24,7 @@ pub enum Change {
     /// A worker was silent for long and holds nothing.
     WorkerForgotten(WorkerId),
     /// A job was submitted.
-    JobSubmitted(JobHead),
+    JobSubmitted(Box<JobHead>),
     /// How a job goes on changed.
     JobChanged {
         /// The job.

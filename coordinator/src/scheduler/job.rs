@@ -55,6 +55,8 @@ pub struct Job {
     pub(super) free: Ranges,
     /// Whether iterations go on from each other.
     chain: bool,
+    /// What is rendered beside the picture. The names were checked when the job came.
+    layers: Arc<Layers>,
     /// What it asks of its workers.
     pub(super) demand: Arc<Demand>,
     pub(super) owner: Arc<str>,
@@ -74,6 +76,7 @@ impl Job {
             charged_ms: 0,
             share_correction_ms: 0,
             chain: head.spec.integrator.with_defaults().is_sequential(),
+            layers: Arc::new(head.spec.layers().unwrap_or_default()),
             owner: head.owner.as_str().into(),
             head,
             state: JobState::Queued,
@@ -289,13 +292,13 @@ impl Job {
     /// Pixels across and down of the picture; [`Self::resolution`] has the planes of its layers below it.
     #[must_use]
     pub fn picture_size(&self) -> Option<[u32; 2]> {
-        self.resolution().map(|size| self.layers().picture_size(size))
+        self.resolution().map(|size| self.layers.picture_size(size))
     }
 
-    /// What is rendered beside the picture. The names were checked when the job came.
+    /// What is rendered beside the picture.
     #[must_use]
-    pub fn layers(&self) -> Layers {
-        self.head.spec.layers().unwrap_or_default()
+    pub fn layers(&self) -> &Arc<Layers> {
+        &self.layers
     }
 
     /// Pixels across and down of each node, which the first node fixes for as long as any node counts: it may be given up.

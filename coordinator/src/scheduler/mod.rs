@@ -199,7 +199,7 @@ impl Farm {
                 ..JobControl::of(&head.spec)
             },
         });
-        let changes = [Change::JobSubmitted(head)].into_iter().chain(begins);
+        let changes = [Change::JobSubmitted(head.into())].into_iter().chain(begins);
         Decision::new(id, changes.collect())
     }
 
@@ -301,7 +301,7 @@ impl Farm {
             Change::WorkerForgotten(worker) => self.workers.forget(*worker),
             Change::JobSubmitted(head) => {
                 self.counters.job = self.counters.job.max(head.id.0);
-                self.insert(Job::new(head.clone()));
+                self.insert(Job::new((**head).clone()));
             }
             Change::JobReopened { record, .. } => self.insert(Job::from_record((**record).clone(), &self.config)),
             Change::JobEnded { job, .. } => self.remove(*job),

@@ -4,7 +4,7 @@ use crate::scheduler::record::Change;
 use photonfarm_proto::id::{JobId, LeaseToken};
 use photonfarm_proto::job::{FailureKind, JobState};
 use photonfarm_proto::webhook::DeliveryState;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -33,7 +33,7 @@ pub(crate) struct Counts {
 /// Leases that this coordinator granted and that have not ended, with the durations of those that have.
 #[derive(Debug, Default)]
 struct Leases {
-    begun: HashMap<LeaseToken, (JobId, Instant)>,
+    begun: BTreeMap<(JobId, LeaseToken), Instant>,
     durations: Durations,
 }
 
@@ -49,16 +49,20 @@ pub(crate) struct Durations {
 }
 
 impl Leases {
-    /// Takes the durations of the leases that `ended` picks.
-    fn end(&mut self, ended: impl Fn(&LeaseToken, &JobId) -> bool) {
-        let Self { begun, durations } = self;
-        begun.retain(|token, (job, since)| {
-            let ended = ended(token, job);
-            if ended {
-                durations.add(since.elapsed().as_secs_f64());
-            }
-            !ended
-        });
+    /// Takes the duration of a lease that ended.
+    fn end(&mut self, job: JobId, token: LeaseToken) {
+        if let Some(since) = self.begun.remove(&(job, token)) {
+            self.durations.add(since.elapsed().as_secs_f64());
+        }
+    }
+
+    /// Takes the durations of all leases of a job that ended.
+    fn end_all(&mut self, job: JobId) {
+        let first = LeaseToken { number: 0, nonce: 0 };
+        let from = self.begun.range((job, first)..).map(|(lease, _)| *lease);
+        for (job, token) in from.take_while(|(of, _)| *of == job).collect::<Vec<_>>() {
+            self.end(job, token);
+        }
     }
 }
 
@@ -99,11 +103,11 @@ impl Counts {
         let count = match change {
             Change::WorkerRegistered(_) => Some(&self.workers_registered),
             Change::LeaseGranted(lease) => {
-                self.leases().begun.insert(lease.token, (lease.job, Instant::now()));
+                self.leases().begun.insert((lease.job, lease.token), Instant::now());
                 Some(&self.leases_granted)
             }
-            Change::LeaseEnded { token, .. } => {
-                self.leases().end(|ended, _| ended == token);
+            Change::LeaseEnded { job, token } => {
+                self.leases().end(*job, *token);
                 None
             }
             Change::NodeAdded { node, .. } => {
@@ -113,7 +117,7 @@ impl Counts {
             Change::NodeMerged { .. } => Some(&self.nodes_merged),
             Change::NodeLost { .. } => Some(&self.nodes_lost),
             Change::JobEnded { job, state, .. } => {
-                self.leases().end(|_, of| of == job);
+                self.leases().end_all(*job);
                 let end = ENDS.iter().position(|(end, _)| end == state);
                 end.map(|end| &self.jobs_ended[end])
             }

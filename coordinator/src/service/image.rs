@@ -109,7 +109,7 @@ impl Service {
         let Some(image) = self.average(job).await? else {
             return Ok(None);
         };
-        let (metadata, layers) = (metadata(job), job.layers());
+        let (metadata, layers) = (metadata(job), job.layers().clone());
         let iterations = image.iterations;
         let encode = move || {
             let channels = match format {

@@ -5,7 +5,7 @@ use super::{Service, ServiceError};
 use crate::access::Caller;
 use crate::scheduler::record::Millis;
 use crate::scheduler::{Decision, Farm, Figures, Job, Refusal};
-use crate::store::StoreError;
+use crate::store::{JobFilter, StoreError};
 use axum::body::Bytes;
 use futures_util::Stream;
 use photonfarm_proto::api::{BundleReply, JobPage, WorkerStatus};
@@ -17,9 +17,12 @@ use photonfarm_proto::schedule::check_priority;
 use std::sync::Arc;
 
 /// Most jobs on a page.
-const PAGE: u32 = 100;
+pub(crate) const PAGE: u32 = 100;
 /// Jobs on a page if the client does not say.
 const DEFAULT_PAGE: u32 = 20;
+/// What cursors begin with, by the order of the page.
+const NEWEST: char = 'n';
+const OLDEST: char = 'o';
 /// How often a submission looks anew at the job that it is to come after, which may end meanwhile.
 const ATTEMPTS: usize = 8;
 
@@ -324,16 +327,15 @@ impl Service {
             .ok_or(Refusal::UnknownWorker(id))?)
     }
 
-    /// A page of jobs, newest first.
-    pub async fn list_jobs(
+    /// A page of jobs.
+    pub(crate) async fn list_jobs(
         self: &Arc<Self>,
-        cursor: Option<&str>,
+        filter: JobFilter,
         limit: Option<u32>,
     ) -> Result<JobPage, ServiceError> {
-        let bad = |_| Problem::new(ErrorCode::Malformed, "cursor: not one that this service gave").at("cursor", None);
-        let before = cursor.map(str::parse::<JobId>).transpose().map_err(bad)?;
+        let oldest_first = filter.oldest_first;
         let limit = limit.unwrap_or(DEFAULT_PAGE).clamp(1, PAGE);
-        let mut records = self.stores.state.jobs(before, limit + 1).await?;
+        let mut records = self.stores.state.jobs(filter, limit + 1).await?;
         let more = records.len() > limit as usize;
         records.truncate(limit as usize);
         let cell = self.fresh_farm().await?;
@@ -345,7 +347,32 @@ impl Service {
                 None => Job::from_record(record, config).status(),
             })
             .collect();
-        let next = jobs.last().filter(|_| more).map(|job| job.id.to_string());
+        let next = jobs.last().filter(|_| more).map(|job| cursor(job.id, oldest_first));
         Ok(JobPage { jobs, next })
+    }
+}
+
+/// Where a page of jobs ends. Jobs keep their numbers and are given ever greater ones, so that the next page goes on right there, whatever
+/// comes or goes meanwhile.
+fn cursor(last: JobId, oldest_first: bool) -> String {
+    format!("{}{last}", if oldest_first { OLDEST } else { NEWEST })
+}
+
+/// The job at which a page ended.
+///
+/// # Errors
+/// No cursor, or one of the other order.
+pub(crate) fn read_cursor(text: &str, oldest_first: bool) -> Result<JobId, Problem> {
+    let refused = |detail: &str| Problem::new(ErrorCode::Malformed, format!("cursor: {detail}")).at("cursor", None);
+    let given = |order: char| text.strip_prefix(order).and_then(|job| job.parse().ok());
+    let (asked, other) = if oldest_first {
+        (OLDEST, NEWEST)
+    } else {
+        (NEWEST, OLDEST)
+    };
+    match (given(asked), given(other)) {
+        (Some(job), _) => Ok(job),
+        (None, Some(JobId(_))) => Err(refused("it is of a page in the other order")),
+        (None, None) => Err(refused("not one that this service gave")),
     }
 }

@@ -39,6 +39,7 @@ mod workers;
 pub(crate) use counts::{Durations, LEASE_SECONDS};
 pub use error::ServiceError;
 pub use image::{ImageFormat, Picture, PictureFile};
+pub(crate) use jobs::{PAGE, read_cursor};
 pub(crate) use obstacles::Part;
 pub use retention::Keep;
 pub(crate) use scenes::SceneFile;

@@ -10,7 +10,7 @@ use std::sync::Arc;
 impl Service {
     /// Measures the noise at the checkpoint that is due, if there is one; the job goes on or stops.
     pub(super) async fn measure_noise(self: &Arc<Self>, job: JobId) -> Result<bool, ServiceError> {
-        let read = |found: &Job| found.due_checkpoint().map(|due| (due, found.layers()));
+        let read = |found: &Job| found.due_checkpoint().map(|due| (due, found.layers().clone()));
         let due = self.fresh_farm().await?.farm.job(job).and_then(read);
         let Some(((key, image), layers)) = due else {
             return Ok(false);

@@ -6,7 +6,7 @@
 use super::{Service, ServiceError};
 use crate::scheduler::record::Millis;
 use crate::scheduler::{Farm, Figures, Job};
-use crate::store::StoreError;
+use crate::store::{JobFilter, StoreError};
 use photonfarm_proto::api::Obstacle;
 use photonfarm_proto::id::JobId;
 use photonfarm_proto::job::JobStatus;
@@ -238,7 +238,7 @@ impl Service {
     pub(super) async fn look_around(self: Arc<Self>) {
         loop {
             let late = |_| Err(StoreError::Connection("it does not answer".into()));
-            let answer = tokio::time::timeout(PATIENCE, self.stores.state.jobs(None, 1)).await;
+            let answer = tokio::time::timeout(PATIENCE, self.stores.state.jobs(JobFilter::default(), 1)).await;
             self.note(Part::Answers, &answer.unwrap_or_else(late).map_err(ServiceError::from));
             if let Ok(figures) = self.figures().await {
                 *self.obstacles.jobs.lock().unwrap_or_else(PoisonError::into_inner) = figures.waiting;

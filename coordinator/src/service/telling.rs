@@ -220,3 +220,46 @@ fn shown(record: NoticeRecord) -> Delivery {
         error: record.error,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::World;
+    use super::*;
+    use crate::scheduler::SchedulerConfig;
+    use crate::store::StateStore;
+    use crate::store::memory::NextCommit;
+    use crate::webhook::{WebhookConfig, WebhookSecret};
+    use photonfarm_proto::limits::Limits;
+
+    /// Whatever becomes of the commit with which a job ends, it is told once if the job has ended, and not at all if it goes on.
+    #[tokio::test]
+    async fn a_job_is_to_be_told_of_if_and_only_if_it_has_ended() {
+        for (next, ended) in [
+            (NextCommit::Fails, false),
+            (NextCommit::SucceedsUnnoticed, true),
+            (NextCommit::SucceedsAndPanics, true),
+        ] {
+            let world = World::new(1).await;
+            let config = WebhookConfig {
+                secret: Some(WebhookSecret::new(&[7; 16]).unwrap()),
+                urls: vec!["http://example.org/".into()],
+                ..WebhookConfig::default()
+            };
+            let webhooks = Webhooks::new(config, "http://farm").unwrap();
+            let stores = world.service.stores.clone();
+            let service = Service::open(Limits::default(), SchedulerConfig::default(), stores, webhooks).await;
+            let service = service.unwrap();
+            let due = async || world.state.due_notices(Millis::MAX, 9).await.unwrap().len();
+            *world.state.next.lock().unwrap() = next;
+            assert!(service.cancel_job(world.job).await.is_err(), "{next:?}");
+            assert_eq!(due().await, usize::from(ended), "{next:?}");
+            assert_eq!(
+                service.status(world.job).await.unwrap().state.ended(),
+                ended,
+                "{next:?}"
+            );
+            service.cancel_job(world.job).await.unwrap();
+            assert_eq!(due().await, 1, "{next:?}");
+        }
+    }
+}

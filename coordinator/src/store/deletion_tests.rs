@@ -40,7 +40,7 @@ async fn bundles_are_forgotten_that_no_job_and_lately_no_client_names() {
             ended_ms: 6,
         };
         let (sequence, _) = store.load().await.unwrap();
-        let changes = vec![Change::JobSubmitted(head), ended];
+        let changes = vec![Change::JobSubmitted(head.into()), ended];
         let Commit::Kept(sequence) = store.commit(sequence, changes).await.unwrap() else {
             panic!("nobody else was there");
         };

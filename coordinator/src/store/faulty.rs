@@ -234,8 +234,8 @@ impl StateStore for FaultyState {
         self.inner.job(id).await
     }
 
-    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
-        self.inner.jobs(before, limit).await
+    async fn jobs(&self, filter: JobFilter, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
+        self.inner.jobs(filter, limit).await
     }
 
     async fn job_by_key(&self, key: String) -> Result<Option<JobRecord>, StoreError> {

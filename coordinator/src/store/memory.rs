@@ -1,14 +1,14 @@
 //! A store for tests: state in memory, which can be told to fail.
 
 use super::{
-    Announced, Commit, EndedJob, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
+    Announced, Commit, EndedJob, JobFilter, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
     image_bytes,
 };
 use crate::scheduler::record::{
     BlobName, Change, Counters, JobControl, JobHead, JobRecord, Millis, Snapshot, WorkerRecord,
 };
 use async_trait::async_trait;
-use photonfarm_proto::api::FarmIdentity;
+use photonfarm_proto::api::{FarmIdentity, ListedState};
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
 use photonfarm_proto::job::{JobState, Totals};
@@ -61,7 +61,7 @@ impl Rows {
             Change::WorkerForgotten(worker) => _ = self.workers.remove(worker),
             Change::JobSubmitted(head) => {
                 self.counters.job = self.counters.job.max(head.id.0);
-                assert!(self.jobs.insert(head.id, new_job(head.clone())).is_none());
+                assert!(self.jobs.insert(head.id, new_job((**head).clone())).is_none());
             }
             Change::JobChanged { job, control } => self.job(*job).control = control.clone(),
             Change::JobReopened { record, ended_ms } => {
@@ -160,6 +160,30 @@ fn owned_bytes(owned: &BTreeMap<(String, BlobHash), u64>, owner: &str) -> u64 {
     mine.map(|(_, bytes)| bytes).sum()
 }
 
+fn admits(filter: &JobFilter, job: &JobRecord) -> bool {
+    let JobHead {
+        id,
+        spec,
+        owner,
+        created_ms,
+        ..
+    } = &job.head;
+    let state = ListedState::of(job.state, job.control.schedule.paused);
+    let title = if spec.name.is_empty() { &spec.main } else { &spec.name };
+    let labelled = |(name, value): &(String, Option<String>)| {
+        let found = spec.labels.get(name);
+        found.is_some_and(|found| value.as_ref().is_none_or(|value| found == value))
+    };
+    let behind = |last: JobId| if filter.oldest_first { *id > last } else { *id < last };
+    (filter.states.is_empty() || filter.states.contains(&state))
+        && filter.owner.as_ref().is_none_or(|wanted| owner == wanted)
+        && filter.labels.iter().all(labelled)
+        && filter.name.as_ref().is_none_or(|part| title.contains(part))
+        && filter.created_after.is_none_or(|time| *created_ms > time)
+        && filter.created_before.is_none_or(|time| *created_ms < time)
+        && filter.behind.is_none_or(behind)
+}
+
 fn new_job(head: JobHead) -> JobRecord {
     JobRecord {
         control: JobControl::of(&head.spec),
@@ -233,14 +257,13 @@ impl StateStore for MemoryStore {
         Ok(self.rows().jobs.get(&id).cloned())
     }
 
-    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
+    async fn jobs(&self, filter: JobFilter, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
         let rows = self.rows();
-        let below = rows
-            .jobs
-            .values()
-            .rev()
-            .filter(|job| before.is_none_or(|before| job.head.id < before));
-        Ok(below.take(limit as usize).cloned().collect())
+        let mut jobs: Vec<&JobRecord> = rows.jobs.values().filter(|job| admits(&filter, job)).collect();
+        if !filter.oldest_first {
+            jobs.reverse();
+        }
+        Ok(jobs.into_iter().take(limit as usize).cloned().collect())
     }
 
     async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {

@@ -10,6 +10,9 @@ mod blob_tests;
 mod deletion_tests;
 #[cfg(test)]
 pub(crate) mod faulty;
+mod filter;
+#[cfg(test)]
+mod filter_tests;
 mod folder;
 #[cfg(test)]
 pub(crate) mod memory;
@@ -38,6 +41,7 @@ mod tests;
 mod token;
 
 pub use backup::{Backup, BackupError, back_up};
+pub use filter::JobFilter;
 pub use folder::FolderStore;
 pub use object::ObjectBlobs;
 pub use place::{BlobPlace, PlaceError, StatePlace};
@@ -305,8 +309,8 @@ pub trait StateStore: Send + Sync {
     async fn commit(&self, expected: Sequence, changes: Vec<Change>) -> Result<Commit, StoreError>;
     /// A job, whether it has ended or not.
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>, StoreError>;
-    /// Up to `limit` jobs, newest first, below the job `before`.
-    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError>;
+    /// Up to `limit` jobs.
+    async fn jobs(&self, filter: JobFilter, limit: u32) -> Result<Vec<JobRecord>, StoreError>;
     /// The jobs that have ended.
     async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError>;
     /// The job that was submitted with an idempotency key.

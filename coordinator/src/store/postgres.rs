@@ -9,7 +9,7 @@ use super::postgres_tls::connector;
 use super::sql::{self, Answer, Queries};
 use super::sql_changes::apply;
 use super::{
-    Announced, Beat, Commit, EndedJob, News, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError,
+    Announced, Beat, Commit, EndedJob, JobFilter, News, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError,
     TokenRecord, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
 };
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
@@ -447,9 +447,12 @@ impl StateStore for PostgresStore {
         self.ask(move |queries| Box::pin(sql_jobs::job(queries, id))).await
     }
 
-    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql_jobs::jobs(queries, before, limit)))
-            .await
+    async fn jobs(&self, filter: JobFilter, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
+        self.ask(move |queries| {
+            let filter = filter.clone();
+            Box::pin(async move { sql_jobs::jobs(queries, &filter, limit).await })
+        })
+        .await
     }
 
     async fn ended_jobs(&self) -> Result<Vec<EndedJob>, StoreError> {

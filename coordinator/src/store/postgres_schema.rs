@@ -9,7 +9,7 @@ use photonfarm_proto::api::FarmIdentity;
 const SCHEMA: i64 = 0x5048_464d_0002;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
-const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5];
+const MIGRATIONS: &[&str] = &[SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6];
 
 const SCHEMA_1: &str = "
 CREATE TABLE farm (
@@ -77,6 +77,21 @@ CREATE INDEX notice_ended ON notice (ended_ms) WHERE ended_ms IS NOT NULL;
 CREATE INDEX notice_of_job ON notice (job, id);
 ";
 
+/// What jobs are found by.
+const SCHEMA_6: &str = "
+ALTER TABLE job ADD COLUMN title TEXT NOT NULL DEFAULT '';
+UPDATE job SET title = coalesce(nullif(CAST(spec AS JSON) ->> 'name', ''), CAST(spec AS JSON) ->> 'main', '');
+CREATE TABLE label (
+    job BIGINT NOT NULL REFERENCES job, name TEXT NOT NULL, value TEXT NOT NULL, PRIMARY KEY (job, name));
+INSERT INTO label
+    SELECT job.id, entry.key, entry.value FROM job, json_each_text(CAST(job.spec AS JSON) -> 'labels') AS entry;
+CREATE INDEX label_named ON label (name, value, job);
+DROP INDEX job_of_owner;
+CREATE INDEX job_of_owner ON job (owner, id);
+CREATE INDEX job_of_state ON job (state, id);
+CREATE INDEX job_created ON job (created_ms);
+";
+
 /// What a restored or copied database does not share with the one that it comes from: the cluster, its history (which forks
 /// when an older state, or another server, takes over), the database and its tables.
 const MARK: &str =
@@ -103,8 +118,9 @@ const COLUMNS: &[(&str, &str)] = &[
     ),
     (
         "job",
-        "id spec owner key created_ms state failure ended_ms width height totals control share_ms scene",
+        "id spec owner key created_ms state failure ended_ms width height totals control share_ms scene title",
     ),
+    ("label", "job name value"),
     ("node", "job level place digest live record"),
     ("lease", "token job record until_ms restarts"),
     ("failure", "number job leaf attempt"),

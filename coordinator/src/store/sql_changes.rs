@@ -37,7 +37,7 @@ fn statements(change: &Change) -> Result<Vec<Statement>, StoreError> {
         Change::WorkerForgotten(worker) => {
             vec![Statement::new("DELETE FROM worker WHERE id = ?1", [integer(worker.0)?])]
         }
-        Change::JobSubmitted(head) => vec![raise_counter("job", head.id.0)?, submit(head)?],
+        Change::JobSubmitted(head) => submit(head)?,
         Change::JobChanged { job, control } => vec![Statement::new(
             "UPDATE job SET control = ?2 WHERE id = ?1",
             [integer(job.0)?, json(control)?],
@@ -173,6 +173,7 @@ fn delete(job: JobId, ended_ms: Millis, owner: &str, iterations: u32) -> Result<
         "DELETE FROM failure WHERE job = ?1",
         "DELETE FROM lease WHERE job = ?1",
         "DELETE FROM node WHERE job = ?1",
+        "DELETE FROM label WHERE job = ?1",
     ];
     let id = integer(job.0)?;
     let used = Statement::new(used, [Value::Text(owner.into()), small(iterations)]);
@@ -186,9 +187,11 @@ fn delete(job: JobId, ended_ms: Millis, owner: &str, iterations: u32) -> Result<
     Ok(statements)
 }
 
-fn submit(head: &JobHead) -> Result<Statement, StoreError> {
-    let sql = "INSERT INTO job (id, spec, key, created_ms, state, totals, owner, scene)
-        VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
+fn submit(head: &JobHead) -> Result<Vec<Statement>, StoreError> {
+    let sql = "INSERT INTO job (id, spec, key, created_ms, state, totals, owner, scene, title)
+        VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)";
+    let name = &head.spec.name;
+    let title = if name.is_empty() { &head.spec.main } else { name };
     let values = [
         integer(head.id.0)?,
         json(&head.spec)?,
@@ -198,8 +201,19 @@ fn submit(head: &JobHead) -> Result<Statement, StoreError> {
         json(&Totals::default())?,
         Value::Text(head.owner.clone()),
         hash(head.spec.scene),
+        Value::Text(title.clone()),
     ];
-    Ok(Statement::new(sql, values))
+    let mut statements = vec![raise_counter("job", head.id.0)?, Statement::new(sql, values)];
+    for (name, value) in &head.spec.labels {
+        let sql = "INSERT INTO label (job, name, value) VALUES (?1, ?2, ?3)";
+        let values = [
+            integer(head.id.0)?,
+            Value::Text(name.clone()),
+            Value::Text(value.clone()),
+        ];
+        statements.push(Statement::new(sql, values));
+    }
+    Ok(statements)
 }
 
 fn at_node(sql: &'static str, job: JobId, node: NodeKey) -> Result<Statement, StoreError> {

@@ -1,7 +1,7 @@
 //! Jobs and workers in an SQL database: how rows become records.
 
-use super::sql::{Queries, Row, Value, ask, from_json, integer, small};
-use super::{EndedJob, StoreError, image_bytes};
+use super::sql::{Queries, Row, Value, ask, from_json, integer};
+use super::{EndedJob, JobFilter, StoreError, image_bytes};
 use crate::scheduler::record::{
     Counters, JobControl, JobHead, JobRecord, LeaseRecord, NodeRecord, Snapshot, WorkerRecord,
 };
@@ -41,16 +41,16 @@ pub(super) async fn job(queries: &mut dyn Queries, id: JobId) -> Result<Option<J
     Ok(read_jobs(queries, sql, [id]).await?.pop())
 }
 
-/// Up to `limit` jobs, newest first, below the job `before`.
+/// Up to `limit` jobs.
 pub(super) async fn jobs(
     queries: &mut dyn Queries,
-    before: Option<JobId>,
+    filter: &JobFilter,
     limit: u32,
 ) -> Result<Vec<JobRecord>, StoreError> {
-    let before = before.and_then(|id| i64::try_from(id.0).ok()).unwrap_or(i64::MAX);
-    let sql = "SELECT id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
-        control, share_ms FROM job WHERE id < ?1 ORDER BY id DESC LIMIT ?2";
-    read_jobs(queries, sql, [Value::Integer(before), small(limit)]).await
+    let columns = "id, spec, key, created_ms, state, failure, ended_ms, width, height, totals, owner,
+        control, share_ms";
+    let rows = queries.query(filter.query(columns, limit)?).await?;
+    read_all(queries, rows).await
 }
 
 /// The jobs that have ended.
@@ -86,8 +86,14 @@ async fn read_jobs<const N: usize>(
     sql: &'static str,
     values: [Value; N],
 ) -> Result<Vec<JobRecord>, StoreError> {
+    let rows = ask(queries, sql, values).await?;
+    read_all(queries, rows).await
+}
+
+/// The jobs of these rows.
+async fn read_all(queries: &mut dyn Queries, rows: Vec<Row>) -> Result<Vec<JobRecord>, StoreError> {
     let mut jobs = Vec::new();
-    for row in ask(queries, sql, values).await? {
+    for row in rows {
         let mut job = read_job(row)?;
         let id = [integer(job.head.id.0)?];
         let nodes = "SELECT level, place, live, record FROM node WHERE job = ?1 ORDER BY level, place";

@@ -8,7 +8,7 @@ use super::sql::{Answer, Queries, Row, Statement, Value};
 use super::sql_changes::apply;
 use super::sqlite_schema::{VERSION, foreign, prepare_schema};
 use super::{
-    Announced, Commit, EndedJob, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
+    Announced, Commit, EndedJob, JobFilter, NoticeRecord, PictureRecord, Sequence, StateStore, StoreError, TokenRecord,
     check_file, not_writable, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
 };
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
@@ -303,8 +303,8 @@ impl StateStore for SqliteStore {
         self.ask(move |queries| Box::pin(sql_jobs::job(queries, id))).await
     }
 
-    async fn jobs(&self, before: Option<JobId>, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
-        self.ask(move |queries| Box::pin(sql_jobs::jobs(queries, before, limit)))
+    async fn jobs(&self, filter: JobFilter, limit: u32) -> Result<Vec<JobRecord>, StoreError> {
+        self.ask(move |queries| Box::pin(async move { sql_jobs::jobs(queries, &filter, limit).await }))
             .await
     }
 

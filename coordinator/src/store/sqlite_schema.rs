@@ -9,7 +9,7 @@ const APPLICATION_ID: i32 = 0x5048_464d;
 
 /// What makes each version of the schema from the one before; the first makes it from nothing.
 const MIGRATIONS: &[&str] = &[
-    SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6, SCHEMA_7, SCHEMA_8,
+    SCHEMA_1, SCHEMA_2, SCHEMA_3, SCHEMA_4, SCHEMA_5, SCHEMA_6, SCHEMA_7, SCHEMA_8, SCHEMA_9,
 ];
 
 /// The version that this program has.
@@ -118,6 +118,19 @@ CREATE TABLE notice (
 CREATE INDEX notice_due ON notice (due_ms) WHERE due_ms IS NOT NULL;
 CREATE INDEX notice_ended ON notice (ended_ms) WHERE ended_ms IS NOT NULL;
 CREATE INDEX notice_of_job ON notice (job, id);
+";
+
+/// What jobs are found by.
+const SCHEMA_9: &str = "
+ALTER TABLE job ADD COLUMN title TEXT NOT NULL DEFAULT '';
+UPDATE job SET title = coalesce(nullif(json_extract(spec, '$.name'), ''), json_extract(spec, '$.main'), '');
+CREATE TABLE label (
+    job INTEGER NOT NULL REFERENCES job, name TEXT NOT NULL, value TEXT NOT NULL, PRIMARY KEY (job, name))
+    STRICT, WITHOUT ROWID;
+INSERT INTO label SELECT job.id, entry.key, entry.value FROM job, json_each(job.spec, '$.labels') AS entry;
+CREATE INDEX label_named ON label (name, value, job);
+CREATE INDEX job_of_state ON job (state, id);
+CREATE INDEX job_created ON job (created_ms);
 ";
 
 /// A file that is not a farm of this version.

@@ -130,8 +130,11 @@ pub(super) fn history() -> Vec<Vec<Change>> {
             },
         }],
         vec![Change::WorkerForgotten(WorkerId(2))],
-        vec![Change::JobSubmitted(head(1, Some("key")))],
-        vec![Change::JobSubmitted(head(2, None)), Change::JobSubmitted(head(3, None))],
+        vec![Change::JobSubmitted(head(1, Some("key")).into())],
+        vec![
+            Change::JobSubmitted(head(2, None).into()),
+            Change::JobSubmitted(head(3, None).into()),
+        ],
         vec![Change::JobChanged {
             job,
             control: JobControl {
@@ -234,7 +237,7 @@ pub(super) fn short_life() -> Vec<Change> {
         repeated: false,
     };
     vec![
-        Change::JobSubmitted(head(4, Some("short"))),
+        Change::JobSubmitted(head(4, Some("short")).into()),
         Change::NodeAdded {
             job,
             node: NodeKey::leaf(0),
@@ -415,9 +418,13 @@ async fn keeps_what_it_commits(kept: Kept<'_>) {
             share: 2
         }
     );
-    for (before, limit) in [(None, 2), (Some(JobId(3)), 5), (Some(JobId(1)), 5), (None, 0)] {
-        let found = store.jobs(before, limit).await.unwrap();
-        assert_eq!(found, model.jobs(before, limit).await.unwrap());
+    for (behind, limit) in [(None, 2), (Some(JobId(3)), 5), (Some(JobId(1)), 5), (None, 0)] {
+        let filter = JobFilter {
+            behind,
+            ..JobFilter::default()
+        };
+        let found = store.jobs(filter.clone(), limit).await.unwrap();
+        assert_eq!(found, model.jobs(filter, limit).await.unwrap());
     }
     assert_eq!(store.job_by_key("key".into()).await.unwrap().unwrap().head.id, JobId(1));
     for key in ["other", "short"] {
@@ -435,12 +442,12 @@ async fn a_commit_is_whole_or_not_at_all() {
         Kept::Postgres(Postgres::shared().database()),
     ] {
         let store = kept.open().await;
-        let submitted = vec![Change::JobSubmitted(head(1, Some("key")))];
+        let submitted = vec![Change::JobSubmitted(head(1, Some("key")).into())];
         store.commit(0, submitted).await.unwrap();
         let (sequence, before) = store.load().await.unwrap();
         let changes = vec![
             Change::LeaseGranted(lease(1)),
-            Change::JobSubmitted(head(2, Some("key"))),
+            Change::JobSubmitted(head(2, Some("key")).into()),
         ];
         assert!(store.commit(sequence, changes).await.is_err());
         assert_eq!(store.load().await.unwrap(), (sequence, before));
@@ -575,7 +582,7 @@ async fn a_file_that_was_restored_or_copied_begins_a_new_epoch_and_gives_no_numb
     let store = SqliteStore::open(&database(&farm)).unwrap();
     let first = store.identity();
     store
-        .commit(0, vec![Change::JobSubmitted(head(1, None))])
+        .commit(0, vec![Change::JobSubmitted(head(1, None).into())])
         .await
         .unwrap();
     let state = StatePlace::Sqlite(database(&farm));
@@ -587,7 +594,7 @@ async fn a_file_that_was_restored_or_copied_begins_a_new_epoch_and_gives_no_numb
         Err(BackupError::NotEmpty(_))
     ));
     store
-        .commit(0, vec![Change::JobSubmitted(head(2, None))])
+        .commit(0, vec![Change::JobSubmitted(head(2, None).into())])
         .await
         .unwrap();
     drop(store);

@@ -4,6 +4,7 @@ mod access;
 mod audit;
 mod clients;
 mod connections;
+mod listing;
 mod page;
 mod steering;
 mod support;
