@@ -187,7 +187,7 @@ pub struct FarmFigures {
     pub pending_iterations: u64,
     /// Iterations per second of wall-clock time of all workers, lately.
     pub iterations_per_second: f64,
-    /// Bytes of the images and pictures of all jobs, as of ten minutes ago at most; absent until they were counted.
+    /// Bytes of the images and pictures of all jobs, as of ten seconds ago, or longer where counting takes long; absent until they were counted.
     #[serde(default)]
     pub job_bytes: Option<u64>,
     /// Room in the stores.

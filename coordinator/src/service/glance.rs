@@ -15,8 +15,10 @@ const JOBS: u32 = 100;
 const NEW: Duration = Duration::from_millis(400);
 /// Time for which it is new enough if nothing happens: workers fall silent.
 const SAME: Duration = Duration::from_secs(2);
-/// Time between two counts of the bytes that jobs hold.
-const COUNT: Duration = Duration::from_secs(600);
+/// Least time between two counts of the bytes that jobs hold,
+const COUNT: Duration = Duration::from_secs(10);
+/// and how often as long as the last one took, where that is longer.
+const COUNT_RESTS: u32 = 100;
 /// How long a disk may take to be looked at.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -52,7 +54,8 @@ struct Followed {
 struct Stored {
     rooms: Vec<StoreRoom>,
     job_bytes: Option<u64>,
-    counted: Option<Instant>,
+    /// When jobs are to be counted again.
+    count_at: Option<Instant>,
 }
 
 impl Service {
@@ -138,11 +141,13 @@ impl Service {
         let due = {
             let mut stored = self.glances.stored.lock().unwrap_or_else(PoisonError::into_inner);
             stored.rooms = rooms.into();
-            stored.counted.is_none_or(|at| at.elapsed() > COUNT)
+            stored.count_at.is_none_or(|at| Instant::now() > at)
         };
+        let begun = Instant::now();
         if due && let Ok(bytes) = self.job_bytes().await {
+            let rest = COUNT.max(begun.elapsed().saturating_mul(COUNT_RESTS));
             let mut stored = self.glances.stored.lock().unwrap_or_else(PoisonError::into_inner);
-            (stored.job_bytes, stored.counted) = (Some(bytes), Some(Instant::now()));
+            (stored.job_bytes, stored.count_at) = (Some(bytes), Some(Instant::now() + rest));
         }
     }
 
