@@ -284,6 +284,7 @@ mod tests {
     use super::*;
     use photonfarm_proto::id::{JobId, LeaseToken, WorkerId};
     use photonfarm_proto::node::NodeKey;
+    use photonfarm_proto::trace::Context;
 
     fn kills(machine: Option<u64>, group: Option<u64>) -> Kills {
         Kills {
@@ -305,6 +306,7 @@ mod tests {
                 attempt: 1,
                 expires_in_ms: 30_000,
                 ends_in_ms: None,
+                trace: Context::default(),
             },
             memory_mb: Some(2048),
             kills: kills(Some(5), None),

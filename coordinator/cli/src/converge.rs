@@ -15,7 +15,7 @@ use crate::output::OutputFile;
 use crate::plot::{self, Chart};
 use crate::steer_args::duration;
 use crate::{Interrupted, say, submit};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use indicatif::HumanDuration;
 use photonfarm_proto::api::Extend;
@@ -293,7 +293,7 @@ async fn measure(
             break;
         }
         curve.borrow_mut().step = Some(Instant::now());
-        let asked = match client.jobs(1, |_| true).await?.pop() {
+        let asked = match client.jobs(1, &[]).await?.pop() {
             None => {
                 job.spec.iterations = iterations;
                 submit::send(client, &job).await?

@@ -234,9 +234,9 @@ impl Eye {
             let sum = seen[*channel].iter_mut().zip(blurred);
             sum.for_each(|(sum, value)| *sum += share * value);
         }
-        for i in 0..picture.len() {
-            let colour = perceived(shown([seen[0][i], seen[1][i], seen[2][i]]).map(|value| value.clamp(0.0, 1.0)));
-            (0..3).for_each(|channel| seen[channel][i] = colour[channel]);
+        let [first, second, third] = &mut seen;
+        for ((a, b), c) in first.iter_mut().zip(second).zip(third) {
+            [*a, *b, *c] = perceived(shown([*a, *b, *c]).map(|value| value.clamp(0.0, 1.0)));
         }
         let grey: Vec<f32> = opponents.iter().map(|[y, ..]| (y + 16.0) / 116.0).collect();
         let features = [&self.edge, &self.point].map(|across| {
