@@ -1,10 +1,11 @@
 //! The farm itself: workers, health, and the description of this interface.
 
+use super::listing::JobOrder;
 use super::{ApiError, App};
 use crate::service::{Part, VERSION};
 use axum::Json;
 use axum::extract::State;
-use photonfarm_proto::api::{Health, WorkerList};
+use photonfarm_proto::api::{Health, ListedState, WorkerList};
 use photonfarm_proto::problem::{ErrorCode, PROBLEM_MEDIA_TYPE, Problem};
 use photonfarm_proto::webhook::JobNotice;
 use utoipa::openapi::path::Operation;
@@ -91,7 +92,7 @@ pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
         openapi,
         super::docs::docs,
     ),
-    components(schemas(Problem, JobNotice)),
+    components(schemas(Problem, JobNotice, JobOrder, ListedState)),
     modifiers(&EveryOperation)
 )]
 pub(super) struct ApiDoc;
