@@ -42,6 +42,11 @@ pub(super) async fn list(
         let detail = format!("limit: a page has 1 to {PAGE} deliveries");
         return Err(Problem::new(ErrorCode::Invalid, detail).at("limit", None).into());
     }
+    // The highest number that the interface's document allows.
+    if page.job.is_some_and(|job| i64::try_from(job.0).is_err()) {
+        let detail = format!("job: numbers of jobs end at {}", i64::MAX);
+        return Err(Problem::new(ErrorCode::Invalid, detail).at("job", None).into());
+    }
     let given = |cursor: &String| cursor.len() <= CURSOR_BYTES && cursor.bytes().all(|byte| byte.is_ascii_hexdigit());
     if page.cursor.as_ref().is_some_and(|cursor| !given(cursor)) {
         let detail = "cursor: not one that this service gave";
