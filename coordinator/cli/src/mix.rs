@@ -56,7 +56,8 @@ fn lamp(text: &str) -> Result<(String, [f64; 3])> {
         .ok_or_else(|| anyhow!("write NAME=GAIN, such as window=#ffcc88"))?;
     let mut product = [1.0; 3];
     for part in gain.split('*') {
-        let factors = factors(part.trim()).with_context(|| format!("the gain {gain:?} of {name:?}"))?;
+        // Of the error of an argument people see the outermost message alone.
+        let factors = factors(part.trim()).map_err(|error| anyhow!("the gain {gain:?} of {name:?}: {error}"))?;
         (0..3).for_each(|channel| product[channel] *= factors[channel]);
     }
     ensure!(
