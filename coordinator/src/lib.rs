@@ -6,6 +6,7 @@
 pub mod access;
 mod api;
 mod audit;
+mod background;
 pub mod scheduler;
 mod server;
 pub mod service;
@@ -172,7 +173,7 @@ impl Coordinator {
         }
         let step = Duration::from_millis((config.scheduler.lease_ttl_ms / 10).clamp(10, 1000));
         let webhooks = Webhooks::new(config.webhooks, &url(address, encrypted))?;
-        let service = Service::open_traced(config.limits, config.scheduler, stores, webhooks, config.tracer).await?;
+        let service = Service::open(config.limits, config.scheduler, stores, webhooks, config.tracer).await?;
         let lost = service.audit_lost.clone();
         let audit = config.audit_log.map(|path| {
             let opened = Audit::open(path.clone(), lost);

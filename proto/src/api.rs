@@ -110,7 +110,7 @@ pub struct WorkerStatus {
     /// What it has: jobs may ask for it.
     #[serde(default)]
     pub tags: BTreeSet<String>,
-    /// Memory that jobs may take of it, if it is known [MiB].
+    /// Memory that jobs may take of it, if it is known (MiB).
     #[serde(default)]
     pub memory_mb: Option<u32>,
     /// Name of the token that it registered with; empty without tokens.
@@ -134,7 +134,7 @@ pub struct WorkerStatus {
     /// Set while it takes no work of its own accord.
     #[serde(default)]
     pub rest: Option<Resting>,
-    /// Time since it was last heard of [ms].
+    /// Time since it was last heard of (ms).
     pub silent_ms: u64,
     /// Leases it holds.
     pub leases: u32,
@@ -212,9 +212,9 @@ pub struct StoreRoom {
 }
 
 impl StoreRoom {
-    /// Room on a disk that is warned about [bytes].
+    /// Room on a disk that is warned about (bytes).
     pub const WARNED: u64 = 10 << 30;
-    /// Room on a disk that a farm does not work with for long [bytes].
+    /// Room on a disk that a farm does not work with for long (bytes).
     pub const WRONG: u64 = 1 << 30;
 
     /// A part of which free and all bytes are known, or not.

@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 pub const MOST_LAMPS: usize = 256;
 /// Most errors, most warnings and most notes of a check that travel; a scene tells fewer.
 pub const MOST_REMARKS: usize = 64;
-/// The longest of these, and the longest name of a light [bytes].
+/// The longest of these, and the longest name of a light \[bytes\].
 pub const REMARK_BYTES: usize = 1024;
 /// Most bytes of the JSON of a worker's answer.
 pub const ANSWER_BYTES: usize = 1 << 20;
@@ -130,7 +130,7 @@ pub struct CheckReport {
     pub lamps: BTreeSet<String>,
     /// Pixels across and down.
     pub resolution: [u32; 2],
-    /// Lower and upper corner of all shapes [scene units]; absent where there is no shape.
+    /// Lower and upper corner of all shapes (scene units); absent where there is no shape.
     pub bounds: Option<[[f32; 3]; 2]>,
     /// How it would be rendered.
     #[schema(value_type = IntegratorSchema)]

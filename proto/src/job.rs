@@ -1,5 +1,11 @@
 //! Jobs: what is asked for, and how far it has come.
 
+mod schema;
+mod totals;
+
+pub(crate) use schema::IntegratorSchema;
+pub use totals::{BandwidthRange, MOST_COUNTED, PhaseSeconds, Totals};
+
 use crate::bundle::BundleManifest;
 use crate::id::{BlobHash, JobId, WorkerId};
 use crate::limits::{LimitError, Limits, within};
@@ -7,14 +13,11 @@ use crate::schedule::{Checkpoint, Schedule, Stop};
 use crate::waiting::Waiting;
 use photonfarm_core::film::{Window, WindowError};
 use photonfarm_core::integrator::layers::{LayerError, Layers};
-use photonfarm_core::integrator::{self, Counts};
 use photonfarm_core::settings::{IntegratorRequest, IntegratorSettings};
+use schema::WindowSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
-use std::borrow::Cow;
 use std::collections::BTreeMap;
-use utoipa::openapi::{RefOr, Schema};
-use utoipa::{PartialSchema, ToSchema};
+use utoipa::ToSchema;
 
 /// What a job asks for. Together with the renderer's build it determines every bit of every iteration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -70,11 +73,11 @@ pub struct JobSpec {
     pub webhook: Option<String>,
 }
 
-/// The longest name of a job [bytes].
+/// The longest name of a job \[bytes\].
 pub const NAME_BYTES: usize = 200;
 /// Most labels of a job.
 pub const LABELS: usize = 32;
-/// The longest label, its name and its value each [bytes].
+/// The longest label, its name and its value each \[bytes\].
 pub const LABEL_BYTES: usize = 200;
 
 impl JobSpec {
@@ -145,51 +148,6 @@ fn check_labels(labels: &BTreeMap<String, String>) -> Result<(), LimitError> {
     }
 }
 
-/// What the OpenAPI document says of an integrator with its settings.
-pub(crate) struct IntegratorSchema;
-
-impl PartialSchema for IntegratorSchema {
-    fn schema() -> RefOr<Schema> {
-        let mut schema = integrator::schema();
-        schema["example"] = json!({"type": "pppm", "photons": 200_000});
-        serde_json::from_value(schema).expect("a schema of integrators is one of OpenAPI")
-    }
-}
-
-impl ToSchema for IntegratorSchema {
-    fn name() -> Cow<'static, str> {
-        Cow::Borrowed("Integrator")
-    }
-}
-
-/// What the OpenAPI document says of a window of a picture.
-struct WindowSchema;
-
-impl PartialSchema for WindowSchema {
-    fn schema() -> RefOr<Schema> {
-        let whole = |least: u32, text: &str| json!({"type": "integer", "format": "int32", "minimum": least, "description": text});
-        let schema = json!({
-            "type": "object",
-            "description": "A window of a picture.",
-            "required": ["x", "y", "width", "height"],
-            "properties": {
-                "x": whole(0, "Columns of the picture to the left of it."),
-                "y": whole(0, "Rows of the picture above it."),
-                "width": whole(1, "Pixels across."),
-                "height": whole(1, "Pixels down."),
-            },
-            "additionalProperties": false,
-        });
-        serde_json::from_value(schema).expect("a schema of an object is one of OpenAPI")
-    }
-}
-
-impl ToSchema for WindowSchema {
-    fn name() -> Cow<'static, str> {
-        Cow::Borrowed("Window")
-    }
-}
-
 /// Where a job stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -254,147 +212,6 @@ pub struct Attempt {
     pub at_ms: u64,
 }
 
-/// The largest and the smallest bandwidth over some iterations.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct BandwidthRange {
-    /// Spatial bandwidth [scene units], largest and smallest.
-    pub sigma: [f32; 2],
-    /// Angular bandwidth [radians], largest and smallest.
-    pub theta: Option<[f32; 2]>,
-}
-
-impl BandwidthRange {
-    /// The bandwidth of one iteration.
-    #[must_use]
-    pub fn one(sigma: f32, theta: Option<f32>) -> Self {
-        Self {
-            sigma: [sigma; 2],
-            theta: theta.map(|t| [t; 2]),
-        }
-    }
-
-    /// The range over both.
-    #[must_use]
-    pub fn union(self, other: Self) -> Self {
-        let join = |a: [f32; 2], b: [f32; 2]| [a[0].max(b[0]), a[1].min(b[1])];
-        let theta = match (self.theta, other.theta) {
-            (Some(a), Some(b)) => Some(join(a, b)),
-            (a, b) => a.or(b),
-        };
-        Self {
-            sigma: join(self.sigma, other.sigma),
-            theta,
-        }
-    }
-
-    /// Whether every number is finite and not negative.
-    #[must_use]
-    pub fn is_valid(&self) -> bool {
-        let valid = |range: &[f32; 2]| range.iter().all(|v| v.is_finite() && *v >= 0.0);
-        valid(&self.sigma) && self.theta.as_ref().is_none_or(valid)
-    }
-}
-
-/// Seconds of wall-clock time by phase, summed over iterations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PhaseSeconds {
-    /// Tracing paths from the lights.
-    pub trace_light: f64,
-    /// Building the map.
-    pub build_map: f64,
-    /// Tracing paths from the camera and reading the map.
-    pub trace_camera: f64,
-    /// Everything else within an iteration.
-    pub other: f64,
-}
-
-impl PhaseSeconds {
-    /// The sum of all phases.
-    #[must_use]
-    pub fn total(&self) -> f64 {
-        self.trace_light + self.build_map + self.trace_camera + self.other
-    }
-
-    /// Shortens all phases in proportion, so that they do not exceed `most` seconds together.
-    pub fn bound(&mut self, most: f64) {
-        let total = self.total();
-        if total <= most {
-            return;
-        }
-        // Finite seconds may have an infinite sum.
-        let share = (most / total).max(0.0);
-        let phases = [
-            &mut self.trace_light,
-            &mut self.build_map,
-            &mut self.trace_camera,
-            &mut self.other,
-        ];
-        for phase in phases {
-            *phase *= share;
-        }
-    }
-
-    fn is_valid(&self) -> bool {
-        let phases = [self.trace_light, self.build_map, self.trace_camera, self.other];
-        phases.iter().all(|seconds| seconds.is_finite() && *seconds >= 0.0)
-    }
-}
-
-/// The highest that a worker may count in an iteration: far beyond what any iteration does, and so low that the sum over all
-/// iterations of a job (at most 2^20) stays a number of 64 bits.
-pub const MOST_COUNTED: u64 = 1 << 43;
-
-/// What rendering some iterations took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Totals {
-    /// Counts of the renderer.
-    #[schema(value_type = Object)]
-    pub counts: Counts,
-    /// Time by phase.
-    pub seconds: PhaseSeconds,
-    /// Range of the bandwidth; absent for `path`.
-    pub bandwidth: Option<BandwidthRange>,
-}
-
-impl Totals {
-    /// Adds what other iterations took. Counts saturate.
-    pub fn add(&mut self, other: &Self) {
-        let (to, from) = (&mut self.counts, &other.counts);
-        to.light_paths = to.light_paths.saturating_add(from.light_paths);
-        to.records_stored = to.records_stored.saturating_add(from.records_stored);
-        to.records_read = to.records_read.saturating_add(from.records_read);
-        to.records_counted = to.records_counted.saturating_add(from.records_counted);
-        to.rays = to.rays.saturating_add(from.rays);
-        let (to, from) = (&mut self.seconds, &other.seconds);
-        to.trace_light += from.trace_light;
-        to.build_map += from.build_map;
-        to.trace_camera += from.trace_camera;
-        to.other += from.other;
-        self.bandwidth = match (self.bandwidth, other.bandwidth) {
-            (Some(a), Some(b)) => Some(a.union(b)),
-            (a, b) => a.or(b),
-        };
-    }
-
-    /// Whether every number may be said of so many iterations: finite, not negative, and no count beyond
-    /// [`MOST_COUNTED`] of each iteration.
-    #[must_use]
-    pub fn is_valid(&self, iterations: u64) -> bool {
-        let most = iterations.saturating_mul(MOST_COUNTED);
-        let counts = &self.counts;
-        let counts = [
-            counts.light_paths,
-            counts.records_stored,
-            counts.records_read,
-            counts.records_counted,
-            counts.rays,
-        ];
-        counts.iter().all(|count| *count <= most)
-            && self.seconds.is_valid()
-            && self.bandwidth.is_none_or(|range| range.is_valid())
-    }
-}
-
 /// How far a job has come.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobStatus {
@@ -441,7 +258,7 @@ pub struct JobStatus {
     /// Iterations in the image that another worker is to repeat before they are believed.
     #[serde(default)]
     pub iterations_in_doubt: u64,
-    /// Most memory that a worker's process was measured to hold while it worked on the job [MiB].
+    /// Most memory that a worker's process was measured to hold while it worked on the job (MiB).
     #[serde(default)]
     pub memory_mb: Option<u32>,
     /// Name of the renderer that the job is bound to since its first lease.
@@ -518,15 +335,5 @@ mod tests {
         };
         assert!(fine.check(&limits, &bundle).is_ok());
         assert!(refused(&|s| s.sensor = Some("abcde".into())).contains("define_bytes"));
-    }
-
-    #[test]
-    fn the_document_has_the_schema_of_integrators_as_it_is() {
-        let mut shown = serde_json::to_value(IntegratorSchema::schema()).unwrap();
-        assert_eq!(
-            shown.as_object_mut().unwrap().remove("example").unwrap()["type"],
-            "pppm"
-        );
-        assert_eq!(shown, integrator::schema());
     }
 }

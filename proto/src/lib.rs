@@ -8,6 +8,7 @@ pub mod api;
 pub mod bundle;
 pub mod check;
 pub mod codec;
+pub mod hex;
 pub mod history;
 pub mod id;
 pub mod job;

@@ -3,7 +3,7 @@
 use crate::limits::LimitError;
 use serde::{Deserialize, Serialize};
 
-/// The most that is told of memory [MiB]: 16 TiB.
+/// The most that is told of memory \[MiB\]: 16 TiB.
 pub const MOST_MEMORY_MB: u32 = 1 << 24;
 
 /// Checks an amount of memory; `field` names it in the error.
@@ -21,14 +21,14 @@ fn step(memory_mb: u32) -> u32 {
     1 << memory_mb.max(1).ilog2().saturating_sub(4)
 }
 
-/// The next step from an amount up [MiB].
+/// The next step from an amount up \[MiB\].
 #[must_use]
 pub fn step_up(memory_mb: u32) -> u32 {
     let memory_mb = memory_mb.min(MOST_MEMORY_MB);
     memory_mb.next_multiple_of(step(memory_mb))
 }
 
-/// The next step from an amount down [MiB].
+/// The next step from an amount down \[MiB\].
 #[must_use]
 pub fn step_down(memory_mb: u32) -> u32 {
     memory_mb - memory_mb % step(memory_mb)
@@ -37,9 +37,9 @@ pub fn step_down(memory_mb: u32) -> u32 {
 /// What a worker's process had when it ran out of memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shortage {
-    /// Memory that it held when that was looked at last [MiB].
+    /// Memory that it held when that was looked at last \[MiB\].
     pub held_mb: Option<u32>,
-    /// Memory that it had said it has [MiB].
+    /// Memory that it had said it has \[MiB\].
     pub has_mb: Option<u32>,
 }
 

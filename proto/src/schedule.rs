@@ -35,7 +35,7 @@ pub struct Schedule {
     pub noise_target: Option<f64>,
     /// Tags that a worker must have.
     pub tags: BTreeSet<String>,
-    /// Memory that a worker must have [MiB], until the job's own was measured.
+    /// Memory that a worker must have (MiB), until the job's own was measured.
     #[schema(minimum = 1, maximum = 16_777_216)]
     pub memory_mb: Option<u32>,
 }

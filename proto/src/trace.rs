@@ -4,6 +4,7 @@
 //! start again, or share a farm, name the same things alike, and nothing is to be kept of them. What a process has measured goes
 //! to a [`Sink`]; without one nothing is measured.
 
+use crate::hex::{Hex, bytes_of};
 use crate::id::{JobId, LeaseToken};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -87,33 +88,6 @@ impl FromStr for Context {
         let (trace, span) = bytes_of(trace).zip(bytes_of(span)).ok_or(ContextError)?;
         let context = Self { trace, span };
         context.is_some().then_some(context).ok_or(ContextError)
-    }
-}
-
-/// Bytes from twice as many lower-case hexadecimal digits.
-fn bytes_of<const N: usize>(text: &str) -> Option<[u8; N]> {
-    let digit = |byte: u8| match byte {
-        b'0'..=b'9' => Some(byte - b'0'),
-        b'a'..=b'f' => Some(byte - b'a' + 10),
-        _ => None,
-    };
-    if text.len() != 2 * N {
-        return None;
-    }
-    let mut bytes = [0; N];
-    for (byte, pair) in bytes.iter_mut().zip(text.as_bytes().chunks_exact(2)) {
-        *byte = 16 * digit(pair[0])? + digit(pair[1])?;
-    }
-    Some(bytes)
-}
-
-/// Bytes as lower-case hexadecimal digits.
-#[derive(Clone, Copy, Debug)]
-pub struct Hex<'a>(pub &'a [u8]);
-
-impl fmt::Display for Hex<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
     }
 }
 

@@ -54,7 +54,7 @@ pub struct Register {
     pub renderer: String,
     /// What it has: jobs may ask for it.
     pub tags: BTreeSet<String>,
-    /// Memory that jobs may take of it, if it is known [MiB].
+    /// Memory that jobs may take of it, if it is known \[MiB\].
     pub memory_mb: Option<u32>,
 }
 
@@ -63,7 +63,7 @@ pub struct Register {
 pub struct Registered {
     /// Its number in all further messages.
     pub worker: WorkerId,
-    /// Time between heartbeats [ms].
+    /// Time between heartbeats \[ms\].
     pub heartbeat_ms: u64,
     /// Whether workers ask for a place in the object store and put nodes there themselves.
     pub stores: bool,
@@ -80,7 +80,7 @@ pub struct LeaseRequest {
     /// The leases it holds, at most [`MOST_LEASES`]. Others that were granted to earlier requests of this worker, in replies
     /// that were lost, go back to the pool.
     pub held: Vec<LeaseToken>,
-    /// How long to wait for work [ms]; the coordinator may answer sooner.
+    /// How long to wait for work \[ms\]; the coordinator may answer sooner.
     pub wait_ms: u64,
 }
 
@@ -97,9 +97,9 @@ pub struct Lease {
     pub worker: WorkerId,
     /// Counts the leases of these leaves, from 1.
     pub attempt: u32,
-    /// Time until it ends unless a heartbeat renews it [ms].
+    /// Time until it ends unless a heartbeat renews it \[ms\].
     pub expires_in_ms: u64,
-    /// Time until the job's deadline, if it has one: nothing that arrives later counts [ms].
+    /// Time until the job's deadline, if it has one: nothing that arrives later counts \[ms\].
     pub ends_in_ms: Option<u64>,
     /// The span of the lease in the trace of the job: what its worker does is a part of it.
     #[serde(default)]
@@ -173,7 +173,7 @@ pub struct NodeUpload {
     pub digest: BlobHash,
     /// What it took.
     pub totals: Totals,
-    /// Most memory that the worker's process held while it worked on the lease, if that can be told [MiB].
+    /// Most memory that the worker's process held while it worked on the lease, if that can be told \[MiB\].
     pub memory_mb: Option<u32>,
 }
 

@@ -17,7 +17,7 @@ import tempfile
 import mitsuba
 import numpy as np
 
-from renderers import Photonfarm
+from renderers import Photonfarm, read_channels
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCENES = ["diffuse-box", "environment"]
@@ -44,11 +44,8 @@ def ours(photonfarm, scene, seed):
     with tempfile.TemporaryDirectory() as folder:
         out = str(pathlib.Path(folder) / "layers.exr")
         photonfarm.run(scene, out, {"res": SIZE}, "path", {"samples": 1}, SAMPLES, seed, options)
-        bitmap = mitsuba.Bitmap(out)
-        names = [channel.name for channel in bitmap.struct_()]
-        pixels = np.array(bitmap, dtype=np.float64)
-    take = lambda layer, letters: np.stack([pixels[..., names.index(f"{layer}.{letter}")] for letter in letters], -1)
-    return {layer: take(layer, letters) for layer, (letters, _) in LAYERS.items()}
+        take = lambda layer, letters: read_channels(out, [f"{layer}.{letter}" for letter in letters])
+        return {layer: take(layer, letters) for layer, (letters, _) in LAYERS.items()}
 
 
 def theirs(scene, seed):

@@ -13,12 +13,17 @@ import numpy as np
 mitsuba.set_variant("scalar_rgb")
 
 
+def read_channels(path, names):
+    """Channels of an OpenEXR file by their names, as (height, width, len(names)) doubles."""
+    bitmap = mitsuba.Bitmap(str(path))
+    there = [channel.name for channel in bitmap.struct_()]
+    pixels = np.array(bitmap, dtype=np.float64)
+    return np.stack([pixels[..., there.index(name)] for name in names], axis=-1)
+
+
 def read_picture(path):
     """Linear RGB of an OpenEXR file, as (height, width, 3) doubles."""
-    bitmap = mitsuba.Bitmap(str(path))
-    names = [channel.name for channel in bitmap.struct_()]
-    pixels = np.array(bitmap, dtype=np.float64)
-    return np.stack([pixels[..., names.index(name)] for name in "RGB"], axis=-1)
+    return read_channels(path, "RGB")
 
 
 def processor_seconds(who):

@@ -29,7 +29,7 @@ struct Moment<A> {
 }
 
 impl Attendance {
-    /// Within these hours, and while others use no more than a share of the processors [percent].
+    /// Within these hours, and while others use no more than a share of the processors \[percent\].
     #[must_use]
     pub fn new(hours: Option<Hours>, others_percent: Option<f64>) -> Self {
         Self {

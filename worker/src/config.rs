@@ -40,7 +40,7 @@ pub struct WorkerConfig {
     /// How long a worker that is told to stop may go on: three quarters of it with the iteration at hand, then with the
     /// delivery of what is done. What is left then is kept in the cache's folder.
     pub drain: Duration,
-    /// Memory that jobs may take of this machine, if it is known [MiB]: none is taken that needs more.
+    /// Memory that jobs may take of this machine, if it is known \[MiB\]: none is taken that needs more.
     pub memory_mb: Option<u32>,
     /// Whether this process tells how much memory jobs take, for which it sets its high-water mark back, and at its start
     /// which leases an earlier one had that was killed for lack of memory.

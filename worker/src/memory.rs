@@ -3,7 +3,7 @@
 use photonfarm_proto::memory::{MOST_MEMORY_MB, step_down};
 use std::path::{Path, PathBuf};
 
-/// Memory that jobs may take of this machine, if that can be told [MiB]: all that the machine has, to a step down, so
+/// Memory that jobs may take of this machine, if that can be told \[MiB\]: all that the machine has, to a step down, so
 /// that machines of a kind are alike; or less, where a control group has a limit.
 #[must_use]
 pub fn available_mb() -> Option<u32> {
@@ -75,13 +75,13 @@ impl Gauge {
         }
     }
 
-    /// The most since then [MiB]. Where the mark cannot be set back, it is known only if it has risen.
+    /// The most since then \[MiB\]. Where the mark cannot be set back, it is known only if it has risen.
     pub(crate) fn peak_mb(&self) -> Option<u32> {
         high_water_mb().filter(|peak| Some(*peak) > self.before_mb)
     }
 }
 
-/// The high-water mark of resident memory, `VmHWM` of proc(5) [MiB], rounded up.
+/// The high-water mark of resident memory, `VmHWM` of proc(5) \[MiB\], rounded up.
 fn high_water_mb() -> Option<u32> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let kibibytes = kibibytes(&status, "VmHWM:")?;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Share of the processors that others may use, unless it is told otherwise [percent].
+/// Share of the processors that others may use, unless it is told otherwise \[percent\].
 pub const OTHERS_PERCENT: &str = "10";
 /// Time between two looks.
 pub(crate) const LOOK: Duration = Duration::from_secs(5);
@@ -11,7 +11,7 @@ const BUSY_LOOKS: u32 = 3;
 /// Looks in a row that must show none before they are gone: whoever reads does not type.
 const QUIET_LOOKS: u32 = 24;
 
-/// Times of the kernel since the start of the machine [ticks].
+/// Times of the kernel since the start of the machine \[ticks\].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Ticks {
     /// Of all processors, idle or not.
@@ -53,7 +53,7 @@ impl Ticks {
         }
     }
 
-    /// Share of the processors that others had since `before` [percent].
+    /// Share of the processors that others had since `before` \[percent\].
     fn others_since(&self, before: &Self) -> f64 {
         let all = self.all.saturating_sub(before.all);
         let busy = self.busy.saturating_sub(before.busy);
@@ -73,7 +73,7 @@ pub(crate) struct Others {
 }
 
 impl Others {
-    /// Others count who use more than such a share of the processors [percent].
+    /// Others count who use more than such a share of the processors \[percent\].
     pub(crate) fn beyond(most_percent: f64) -> Self {
         Self {
             most_percent,

@@ -5,7 +5,8 @@
 
 use crate::reach::explain;
 use photonfarm_proto::VERSION;
-use photonfarm_proto::trace::{Fact, Hex, Sink, Span, Tracer};
+use photonfarm_proto::hex::Hex;
+use photonfarm_proto::trace::{Fact, Sink, Span, Tracer};
 use reqwest::header::CONTENT_TYPE;
 use reqwest::redirect::Policy;
 use reqwest::{StatusCode, Url};

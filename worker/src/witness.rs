@@ -41,7 +41,7 @@ struct Contents {
     /// The worker's name for people.
     name: String,
     lease: Lease,
-    /// Memory that the worker has said it has [MiB].
+    /// Memory that the worker has said it has \[MiB\].
     memory_mb: Option<u32>,
     kills: Kills,
 }
@@ -109,7 +109,7 @@ impl Drop for Witness {
 pub(crate) struct Bench<'a> {
     pub(crate) coordinator: &'a str,
     pub(crate) name: &'a str,
-    /// Memory that the worker has said it has [MiB].
+    /// Memory that the worker has said it has \[MiB\].
     pub(crate) memory_mb: Option<u32>,
     pub(crate) gauge: Gauge,
 }

@@ -1,8 +1,10 @@
 //! The worker's life: register, lease, render, deliver; reconnect; drain.
 
+mod prepare;
+
 use crate::backoff::Backoff;
-use crate::block::{Deadline, Ending, Task, panic_message, render_block};
-use crate::cache::{Cache, CacheError};
+use crate::block::{Deadline, Ending, Task, render_block};
+use crate::cache::Cache;
 use crate::check::Checker;
 use crate::client::{Client, ClientError, retry};
 use crate::config::{WorkerConfig, WorkerError};
@@ -17,21 +19,17 @@ use crate::shift::{Rests, Shift};
 use crate::witness::{self, Bench, Witness};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
-use photonfarm_core::film::Window;
-use photonfarm_core::settings::{IntegratorSettings, SettingError};
 use photonfarm_proto::check::Checking;
-use photonfarm_proto::id::{BlobHash, WorkerId};
+use photonfarm_proto::id::WorkerId;
 use photonfarm_proto::job::{FailureKind, JobSpec};
 use photonfarm_proto::problem::ErrorCode;
 use photonfarm_proto::rest::{Rest, Resting};
-use photonfarm_proto::trace::Context;
 use photonfarm_proto::worker::{
     Acknowledged, Assignment, FailureReport, Heartbeat, HeartbeatReply, Lease, LeaseReply, LeaseRequest, Leave,
-    MOST_WARNINGS, Register, Registered, SceneReport, StatisticsRequest, cut_text,
+    Register, Registered, cut_text,
 };
+use prepare::{LoadError, SceneKey, scene_key};
 use rayon::ThreadPool;
-use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -48,8 +46,6 @@ const OUTBOX: usize = 2;
 const NOTICE: Duration = Duration::from_secs(5);
 /// How long a first answer may take before that is said.
 const SILENCE: Duration = Duration::from_secs(2);
-/// Attempts at a scene whose files are damaged in the cache.
-const LOADS: usize = 3;
 
 /// A worker, ready to run.
 pub struct Worker {
@@ -63,41 +59,12 @@ pub struct Worker {
     loaded: Option<(SceneKey, Arc<dyn LoadedScene>)>,
 }
 
-/// What makes two jobs share a loaded scene.
-type SceneKey = (
-    BlobHash,
-    String,
-    BTreeMap<String, String>,
-    Option<String>,
-    (Vec<String>, Option<Window>),
-);
-
 /// The coordinator's terms, as of the last registration.
 #[derive(Clone, Copy)]
 struct Terms {
     worker: WorkerId,
     heartbeat: Duration,
     stores: bool,
-}
-
-/// Why a scene is not ready.
-enum LoadError {
-    /// It never will be.
-    Scene(FailureKind, String),
-    /// It may be elsewhere, or later.
-    Elsewhere(String),
-}
-
-impl From<CacheError> for LoadError {
-    fn from(error: CacheError) -> Self {
-        Self::Elsewhere(error.to_string())
-    }
-}
-
-impl From<ClientError> for LoadError {
-    fn from(error: ClientError) -> Self {
-        Self::Elsewhere(error.to_string())
-    }
 }
 
 impl Worker {
@@ -423,123 +390,6 @@ impl Worker {
             }
         }
     }
-
-    /// All settings. The coordinator is told how the scene has decided over those that the job leaves to it, what it was warned about, and
-    /// what the picture's file says of it, if there is any of that.
-    async fn resolve(
-        &self,
-        scene: &dyn LoadedScene,
-        spec: &JobSpec,
-        lease: &Lease,
-        drain: &CancellationToken,
-    ) -> Result<IntegratorSettings, LoadError> {
-        let of_scene = |error: SettingError| LoadError::Scene(FailureKind::Scene, error.to_string());
-        let integrator = match spec.integrator.complete() {
-            Some(settings) => settings.clone(),
-            None => spec.integrator.resolve(&scene.wishes()).map_err(of_scene)?,
-        };
-        let warnings: Vec<String> = scene.warnings().into_iter().take(MOST_WARNINGS).map(cut_text).collect();
-        let facts = scene.facts();
-        if spec.integrator.complete().is_some() && warnings.is_empty() && facts.is_empty() {
-            return Ok(integrator);
-        }
-        let Lease { token, worker, job, .. } = *lease;
-        let report = SceneReport {
-            token,
-            worker,
-            job,
-            integrator: integrator.clone(),
-            warnings,
-            facts,
-        };
-        let said: Result<Acknowledged, _> = self.client.insist("worker/scene", &report, drain).await;
-        match said {
-            Ok(Acknowledged) => Ok(integrator),
-            Err(error) if error.code() == Some(ErrorCode::Invalid) => {
-                Err(LoadError::Scene(FailureKind::Render, error.to_string()))
-            }
-            Err(error) => Err(error.into()),
-        }
-    }
-
-    /// What a lease goes on from, where the integrator is sequential.
-    async fn statistics(
-        &self,
-        scene: &dyn LoadedScene,
-        spec: &JobSpec,
-        lease: &Lease,
-        drain: &CancellationToken,
-    ) -> Result<Vec<f32>, LoadError> {
-        let settings = spec.integrator.with_defaults();
-        if !settings.is_sequential() || lease.node.first() == 0 {
-            return Ok(Vec::new());
-        }
-        let [width, height] = scene.resolution();
-        let values = width as usize * height as usize * settings.statistics_per_pixel();
-        let Lease { token, worker, job, .. } = *lease;
-        let request = StatisticsRequest { token, worker, job };
-        Ok(retry(drain, "the request for statistics", || {
-            self.client.statistics(&request, values)
-        })
-        .await?)
-    }
-
-    /// The scene of a job, loaded before or now, within the span of a lease.
-    async fn load(
-        &mut self,
-        spec: &JobSpec,
-        within: Context,
-        drain: &CancellationToken,
-    ) -> Result<Arc<dyn LoadedScene>, LoadError> {
-        let key = scene_key(spec);
-        if let Some((_, scene)) = self.loaded.as_ref().filter(|(loaded, _)| *loaded == key) {
-            return Ok(scene.clone());
-        }
-        self.loaded = None;
-        let manifest = retry(drain, "the request for a manifest", || self.client.manifest(spec.scene)).await?;
-        for _ in 0..LOADS {
-            let mut span = self.config.tracer.begin(within, "download");
-            span.fact("scene", || spec.scene.to_string());
-            span.fact("files", || manifest.files.len() as u64);
-            let files = self.cache.fetch(&self.client, manifest.clone(), drain).await;
-            span.end(&files);
-            let files = files?;
-            let mut span = self.config.tracer.begin(within, "load");
-            span.fact("scene", || spec.scene.to_string());
-            let (renderer, pool) = (self.config.renderer.clone(), self.pool.clone());
-            let (read, spec) = (files.clone(), spec.clone());
-            let load = move || {
-                let load = || pool.install(|| renderer.load(&read, &spec));
-                catch_unwind(AssertUnwindSafe(load)).map_err(|panic| panic_message(&*panic).to_owned())
-            };
-            let loaded = tokio::task::spawn_blocking(load).await;
-            match &loaded {
-                Ok(Ok(Ok(_))) => {}
-                Ok(Ok(Err(why)) | Err(why)) => span.failed(why),
-                Err(error) => span.failed(error),
-            }
-            drop(span);
-            match loaded {
-                Ok(Ok(Ok(scene))) => {
-                    self.loaded = Some((key, scene.clone()));
-                    return Ok(scene);
-                }
-                Ok(Ok(Err(_))) if files.is_damaged() => {}
-                Ok(Ok(Err(message))) => return Err(LoadError::Scene(FailureKind::Scene, message)),
-                Ok(Err(panic)) => {
-                    let message = format!("loading the scene panicked: {panic}");
-                    return Err(LoadError::Scene(FailureKind::Panic, message));
-                }
-                Err(error) => return Err(LoadError::Elsewhere(error.to_string())),
-            }
-        }
-        Err(LoadError::Elsewhere("the cache is damaged again and again".into()))
-    }
-}
-
-fn scene_key(spec: &JobSpec) -> SceneKey {
-    let (main, defines, sensor) = (spec.main.clone(), spec.defines.clone(), spec.sensor.clone());
-    (spec.scene, main, defines, sensor, (spec.layers.clone(), spec.crop))
 }
 
 fn failure(lease: &Lease, leaf: u32, kind: FailureKind, message: String) -> Farewell {

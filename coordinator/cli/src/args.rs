@@ -254,7 +254,7 @@ pub(crate) struct JobArgs {
     /// Seed of the random numbers
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Give a value to a <default> parameter of the scene (repeatable)
+    /// Give a value to a `<default>` parameter of the scene (repeatable)
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = pair)]
     pub(crate) define: Vec<(String, String)>,
     /// Frame of an animated scene of glTF, whole or between two: the same as -D frame=N

@@ -13,7 +13,7 @@ const PIXELS_PER_DEGREE: f32 = 0.7 * 3840.0 / 0.7 * PI / 180.0;
 const COLOUR_POWER: f32 = 0.7;
 const COLOUR_LIMIT: f32 = 0.4;
 const COLOUR_SHARE: f32 = 0.95;
-/// Width of the feature detectors [degrees] (section 4.2).
+/// Width of the feature detectors \[degrees\] (section 4.2).
 const FEATURE_WIDTH: f32 = 0.082;
 /// Exponent of the feature difference, q_f (equation 12).
 const FEATURE_POWER: f32 = 0.5;

@@ -13,9 +13,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 
-/// How long a lease should take [ms]: short, so that progress shows.
+/// How long a lease should take \[ms\]: short, so that progress shows.
 const LEASE_TARGET_MS: u64 = 1000;
-/// How long a lease lasts without a heartbeat [ms]: the worker shares the coordinator's fate, and cannot be lost alone.
+/// How long a lease lasts without a heartbeat \[ms\]: the worker shares the coordinator's fate, and cannot be lost alone.
 const LEASE_TTL_MS: u64 = 24 * 3600 * 1000;
 /// How long the worker may take to say goodbye.
 const FAREWELL: Duration = Duration::from_secs(5);

@@ -19,7 +19,7 @@ pub(crate) const EPSILON: f64 = 0.01;
 /// Pixels from the middle of a window to its edge.
 const REACH: usize = 5;
 const WINDOW: usize = 2 * REACH + 1;
-/// Standard deviation of a window [pixels].
+/// Standard deviation of a window \[pixels\].
 const DEVIATION: f64 = 1.5;
 /// The constants of the paper, for values between 0 and 1.
 const STABILISERS: [f64; 2] = [0.01 * 0.01, 0.03 * 0.03];

@@ -6,7 +6,7 @@ use plotters::style::register_font;
 use std::io::Cursor;
 use std::sync::OnceLock;
 
-/// Size of one chart [pixels].
+/// Size of one chart \[pixels\].
 const SIZE: (u32, u32) = (640, 480);
 const FONT: &str = "sans-serif";
 /// Colours of curves, told apart by the colour-blind too (Okabe and Ito 2008).

@@ -24,7 +24,7 @@ pub(crate) fn line(text: impl Display) -> Result<()> {
     }
 }
 
-/// Writes a value as JSON to standard output; errors as those of [`line`].
+/// Writes a value as JSON to standard output; errors as those of [`line()`].
 pub(crate) fn json(value: &impl Serialize) -> Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }

@@ -30,7 +30,7 @@ pub(crate) struct ServeArgs {
     /// 10 suits machines of strangers, 0 repeats none
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) verify: u32,
-    /// How long a lease should take [s]: longer ones bring fewer images to take in, and a killed worker loses more
+    /// How long a lease should take (s): longer ones bring fewer images to take in, and a killed worker loses more
     #[arg(long, value_name = "S", default_value = "30")]
     pub(crate) lease_seconds: NonZeroU32,
     /// Requests a second that one token may send from one address

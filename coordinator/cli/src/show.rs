@@ -49,7 +49,7 @@ impl ShowArgs {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Screen {
     protocol: Protocol,
-    /// The widest picture that is shown as it is [pixels].
+    /// The widest picture that is shown as it is \[pixels\].
     width: u32,
 }
 

@@ -13,11 +13,11 @@ pub(crate) struct Stats {
     resolution: Option<[u32; 2]>,
     /// Threads that rendered.
     threads: usize,
-    /// From reading the scene to the finished picture [s].
+    /// From reading the scene to the finished picture \[s\].
     wall_seconds: f64,
-    /// Reading and building the scene [s], part of the wall time.
+    /// Reading and building the scene \[s\], part of the wall time.
     load_seconds: f64,
-    /// Wall time by phase of the iterations, summed over iterations [s].
+    /// Wall time by phase of the iterations, summed over iterations \[s\].
     seconds: PhaseSeconds,
     /// Light paths, records, rays.
     #[serde(flatten)]

@@ -204,7 +204,7 @@ pub(crate) struct ScheduleArgs {
     /// Tag that a worker must have (repeatable)
     #[arg(long, value_name = "TAG")]
     tag: Vec<String>,
-    /// Memory that a worker must have [MiB], until it was measured how much the job takes
+    /// Memory that a worker must have (MiB), until it was measured how much the job takes
     #[arg(long, value_name = "MIB")]
     memory: Option<u32>,
     /// Stop at the first of 4, 8, 16, ... iterations with at most this noise: mean standard error over mean luminance,

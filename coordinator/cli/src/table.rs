@@ -190,7 +190,7 @@ fn speed(iterations_per_second: f64) -> String {
     }
 }
 
-/// An amount of memory [MiB].
+/// An amount of memory \[MiB\].
 pub(crate) fn memory(mebibytes: u32) -> String {
     match mebibytes >= 10_240 {
         true => format!("{:.1} GiB", f64::from(mebibytes) / 1024.0),

@@ -13,7 +13,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use serde::Deserialize;
 use std::time::Duration;
 
-/// The longest wait for an answer [ms].
+/// The longest wait for an answer \[ms\].
 const LONGEST_WAIT: u64 = 30_000;
 
 /// Has a worker load a scene and say what it holds, or all that is wrong with it. Nothing is rendered, and nothing of it is kept:

@@ -8,10 +8,7 @@ use std::fmt::Write;
 use std::sync::LazyLock;
 
 /// The page, made once.
-static PAGE: LazyLock<String> = LazyLock::new(|| {
-    let document = serde_json::to_value(super::openapi()).unwrap_or_default();
-    page_of(&document)
-});
+static PAGE: LazyLock<String> = LazyLock::new(|| page_of(&super::document()));
 
 /// This interface, to be read in a browser: every operation, and every type that goes over the line.
 #[utoipa::path(get, path = "/v1/docs", operation_id = "get_docs", responses((status = 200, content_type = "text/html")))]
@@ -197,7 +194,7 @@ mod tests {
     /// Every operation is there, and every link leads to a type that is.
     #[test]
     fn the_page_is_whole() {
-        let document = serde_json::to_value(crate::api::openapi()).unwrap();
+        let document = crate::api::document();
         let targets = |mark: &str| -> BTreeSet<String> {
             let after = PAGE.split(mark).skip(1);
             after

@@ -16,6 +16,22 @@ use serde::Deserialize;
 use std::convert::Infallible;
 use std::sync::Arc;
 
+/// What the OpenAPI document says of the headers of a request for a picture.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Header)]
+#[expect(dead_code, reason = "`Asked` reads them")]
+struct AskedHeaders {
+    /// the `ETag` of a picture that is there already
+    #[param(rename = "If-None-Match")]
+    known: Option<String>,
+    /// `bytes=FIRST-LAST`, `bytes=FIRST-` or `bytes=-COUNT`: a part of the picture
+    #[param(rename = "Range")]
+    range: Option<String>,
+    /// the `ETag` of the picture that `Range` is of: of another one all is sent
+    #[param(rename = "If-Range")]
+    if_range: Option<String>,
+}
+
 /// The headers of a request for a picture.
 pub(super) struct Asked {
     headers: HeaderMap,
@@ -54,12 +70,7 @@ impl Asked {
 
 /// The image as it stands, as OpenEXR with metadata.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.exr", operation_id = "get_job_exr", params(
-        ("id" = JobId, Path),
-        ("If-None-Match" = Option<String>, Header, description = "the `ETag` of a picture that is there already"),
-        ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, `bytes=FIRST-` or `bytes=-COUNT`: a part of the picture"),
-        ("If-Range" = Option<String>, Header, description = "the `ETag` of the picture that `Range` is of: of another one all is sent")
-    ),
+    get, path = "/v1/jobs/{id}/image.exr", operation_id = "get_job_exr", params(("id" = JobId, Path), AskedHeaders),
     responses(
         (status = 200, content_type = "image/x-exr"),
         (status = 206, content_type = "image/x-exr", description = "the part that `Range` asks for"),
@@ -78,12 +89,7 @@ pub(super) async fn exr(
 
 /// The image as it stands, as PNG by a tone curve.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.png", operation_id = "get_job_png", params(
-        ("id" = JobId, Path),
-        ("If-None-Match" = Option<String>, Header, description = "the `ETag` of a picture that is there already"),
-        ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, `bytes=FIRST-` or `bytes=-COUNT`: a part of the picture"),
-        ("If-Range" = Option<String>, Header, description = "the `ETag` of the picture that `Range` is of: of another one all is sent")
-    ),
+    get, path = "/v1/jobs/{id}/image.png", operation_id = "get_job_png", params(("id" = JobId, Path), AskedHeaders),
     responses(
         (status = 200, content_type = "image/png"),
         (status = 206, content_type = "image/png", description = "the part that `Range` asks for"),
@@ -155,13 +161,7 @@ impl RawParams {
 /// each of all pixels: its three channels, or its only one three times, and the standard error of its luminance (NaN for what is no
 /// light); `halves` are two of them.
 #[utoipa::path(
-    get, path = "/v1/jobs/{id}/image.raw", operation_id = "get_job_raw", params(
-        ("id" = JobId, Path),
-        RawParams,
-        ("If-None-Match" = Option<String>, Header, description = "the `ETag` of a picture that is there already"),
-        ("Range" = Option<String>, Header, description = "`bytes=FIRST-LAST`, `bytes=FIRST-` or `bytes=-COUNT`: a part of the picture"),
-        ("If-Range" = Option<String>, Header, description = "the `ETag` of the picture that `Range` is of: of another one all is sent")
-    ),
+    get, path = "/v1/jobs/{id}/image.raw", operation_id = "get_job_raw", params(("id" = JobId, Path), RawParams, AskedHeaders),
     responses(
         (status = 200, content_type = "application/octet-stream"),
         (status = 206, content_type = "application/octet-stream", description = "the part that `Range` asks for"),

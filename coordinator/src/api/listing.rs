@@ -129,10 +129,15 @@ fn moment(parameter: &str, text: &str) -> Result<u64, Problem> {
 }
 
 fn limit(text: &str) -> Result<u32, Problem> {
-    let limit: u32 = text.parse().map_err(|_| malformed("limit", "expected a number"))?;
+    let limit = text.parse().map_err(|_| malformed("limit", "expected a number"))?;
+    page_limit(limit, "jobs")
+}
+
+/// Checks how many of something are asked for on a page.
+pub(super) fn page_limit(limit: u32, what: &str) -> Result<u32, Problem> {
     match (1..=PAGE).contains(&limit) {
         true => Ok(limit),
-        false => Err(invalid("limit", &format!("a page has 1 to {PAGE} jobs"))),
+        false => Err(invalid("limit", &format!("a page has 1 to {PAGE} {what}"))),
     }
 }
 

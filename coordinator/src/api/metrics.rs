@@ -1,7 +1,7 @@
 //! Figures of the farm in the text format of Prometheus, for dashboards and for scaling the number of workers.
 
 use super::App;
-use crate::service::{Durations, LEASE_SECONDS, Part, ServiceError, VERSION};
+use crate::service::{CheckFigures, Durations, LEASE_SECONDS, Part, ServiceError, VERSION};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::IntoResponse;
@@ -26,6 +26,7 @@ pub(super) async fn metrics(State(service): State<App>) -> impl IntoResponse {
     figures_of_stores(&mut text, &service);
     figures_of_room(&mut text, &service);
     figures_since_start(&mut text, &service);
+    figures_of_checks(&mut text, &service);
     ([(header::CONTENT_TYPE, MEDIA_TYPE)], text)
 }
 
@@ -186,6 +187,17 @@ fn figures_since_start(text: &mut String, service: &App) {
     let deliveries = deliveries.map(|(state, count)| (format!("outcome=\"{state}\""), count));
     let help = "Attempts to tell a webhook of the end of a job; one that is given up is not tried again.";
     family(text, ("webhook_attempts_total", "counter"), help, &deliveries);
+}
+
+/// Checks of scenes, which this coordinator alone knows.
+fn figures_of_checks(text: &mut String, service: &App) {
+    let CheckFigures { waiting, lent, ended } = service.check_figures();
+    let open = [("waiting", waiting), ("checking", lent)].map(|(state, count)| (format!("state=\"{state}\""), count));
+    let help = "Checks of scenes that wait for a worker, and that one is at.";
+    family(text, ("checks", "gauge"), help, &open);
+    let ended = ended.map(|(outcome, count)| (format!("outcome=\"{outcome}\""), count));
+    let help = "Checks of scenes that ended: with a report, with what is wrong, since no worker could answer, or forgotten before one did.";
+    family(text, ("checks_ended_total", "counter"), help, &ended);
 }
 
 /// How long leases took, as a histogram.

@@ -1,6 +1,7 @@
 //! Long answers on their way to slow readers: in a file without a name or in the store, and not in memory.
 
 use super::ApiError;
+use crate::background::in_background;
 use crate::store::BlobReader;
 use axum::body::{Body, Bytes};
 use axum::http::header::CONTENT_LENGTH;
@@ -85,7 +86,7 @@ impl Spool {
 
 /// Moves bytes to a file without a name.
 async fn put_aside(bytes: Bytes) -> Result<File, ApiError> {
-    let file = tokio::task::spawn_blocking(move || {
+    let file = in_background(move || {
         let mut file = tempfile::tempfile()?;
         file.write_all(&bytes)?;
         file.rewind()?;

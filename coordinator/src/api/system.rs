@@ -5,6 +5,8 @@ use super::{ApiError, App};
 use crate::service::{Part, VERSION};
 use axum::Json;
 use axum::extract::State;
+use axum::http::header;
+use axum::response::IntoResponse;
 use photonfarm_proto::api::{Health, ListedState, WorkerList};
 use photonfarm_proto::problem::{ErrorCode, PROBLEM_MEDIA_TYPE, Problem};
 use photonfarm_proto::webhook::JobNotice;
@@ -43,8 +45,8 @@ pub(super) async fn health(State(service): State<App>) -> Result<Json<Health>, A
 
 /// This document.
 #[utoipa::path(get, path = "/v1/openapi.json", operation_id = "get_openapi", responses((status = 200, content_type = "application/json")))]
-pub(super) async fn openapi() -> Json<utoipa::openapi::OpenApi> {
-    Json(super::openapi())
+pub(super) async fn openapi() -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "application/json")], super::DOCUMENT.as_slice())
 }
 
 #[derive(OpenApi)]
@@ -185,6 +187,7 @@ mod tests {
     use axum::body::Body;
     use axum::http::Request;
     use photonfarm_proto::limits::Limits;
+    use photonfarm_proto::trace::Tracer;
     use std::sync::Arc;
     use tower::ServiceExt;
 
@@ -210,7 +213,14 @@ mod tests {
             nodes: nodes.clone(),
         };
         let calls = || state.inner.calls() + scenes.inner.calls() + nodes.inner.calls();
-        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores, None).await;
+        let service = Service::open(
+            Limits::default(),
+            SchedulerConfig::default(),
+            stores,
+            None,
+            Tracer::default(),
+        )
+        .await;
         let gate = Gate::new(Tokens::new(state.clone()), true, 1);
         let router = router(service.unwrap(), Arc::new(gate), None);
         let ask = async |path: &str| {

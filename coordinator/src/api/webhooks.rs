@@ -1,6 +1,7 @@
 //! What URLs are told of jobs, and what became of it.
 
 use super::extract::Params;
+use super::listing::page_limit;
 use super::{ApiError, App};
 use axum::Json;
 use axum::extract::State;
@@ -9,8 +10,6 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::webhook::DeliveryPage;
 use serde::Deserialize;
 
-/// Most deliveries on a page.
-const PAGE: u32 = 100;
 /// Longest cursor [bytes]; those that this service gives are shorter.
 const CURSOR_BYTES: usize = 64;
 
@@ -38,10 +37,7 @@ pub(super) async fn list(
     State(service): State<App>,
     Params(page): Params<DeliveryParams>,
 ) -> Result<Json<DeliveryPage>, ApiError> {
-    if page.limit.is_some_and(|limit| !(1..=PAGE).contains(&limit)) {
-        let detail = format!("limit: a page has 1 to {PAGE} deliveries");
-        return Err(Problem::new(ErrorCode::Invalid, detail).at("limit", None).into());
-    }
+    let limit = page.limit.map(|limit| page_limit(limit, "deliveries")).transpose()?;
     // The highest number that the interface's document allows.
     if page.job.is_some_and(|job| i64::try_from(job.0).is_err()) {
         let detail = format!("job: numbers of jobs end at {}", i64::MAX);
@@ -52,5 +48,5 @@ pub(super) async fn list(
         let detail = "cursor: not one that this service gave";
         return Err(Problem::new(ErrorCode::Malformed, detail).at("cursor", None).into());
     }
-    Ok(Json(service.deliveries(page.job, page.cursor, page.limit).await?))
+    Ok(Json(service.deliveries(page.job, page.cursor, limit).await?))
 }

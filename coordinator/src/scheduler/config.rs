@@ -7,23 +7,23 @@ use std::fmt;
 /// How the scheduler decides.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SchedulerConfig {
-    /// How long a lease should take [ms].
+    /// How long a lease should take \[ms\].
     pub lease_target_ms: Millis,
-    /// How long a lease lasts without a heartbeat [ms].
+    /// How long a lease lasts without a heartbeat \[ms\].
     pub lease_ttl_ms: Millis,
-    /// How long leases last after a restart without a heartbeat [ms].
+    /// How long leases last after a restart without a heartbeat \[ms\].
     pub reconnect_ms: Millis,
     /// A lease is a straggler when it takes this many times as long as expected,
     pub straggler_factor: u64,
-    /// and at least this long [ms].
+    /// and at least this long \[ms\].
     pub straggler_ms: Millis,
     /// Failures that a worker reported after which an iteration is given up.
     pub max_failures: usize,
     /// Attempts that failed in any way, lost workers included, after which an iteration is given up.
     pub max_attempts: usize,
-    /// Pause after the first failure of an iteration; it doubles with each further one [ms].
+    /// Pause after the first failure of an iteration; it doubles with each further one \[ms\].
     pub retry_ms: Millis,
-    /// The longest such pause [ms].
+    /// The longest such pause \[ms\].
     pub longest_retry_ms: Millis,
     /// Nodes in a row that others must confirm before a worker's are repeated more rarely than always; afterwards they
     /// are with the probability of this number over that of the nodes confirmed. 0: nodes are never repeated.
@@ -32,7 +32,7 @@ pub struct SchedulerConfig {
     pub secret: NonceKey,
     /// Faults in a row that put a worker into quarantine.
     pub max_faults: u32,
-    /// A worker silent for this long counts no more [ms].
+    /// A worker silent for this long counts no more \[ms\].
     pub forget_worker_ms: Millis,
     /// Most workers of one token.
     pub most_workers: usize,
@@ -73,7 +73,7 @@ impl Default for SchedulerConfig {
 }
 
 impl SchedulerConfig {
-    /// How long a lease may take that should take `expected_ms`, before others are given a part of its work [ms].
+    /// How long a lease may take that should take `expected_ms`, before others are given a part of its work \[ms\].
     pub(super) fn patience_ms(&self, expected_ms: Millis) -> Millis {
         let usual = expected_ms.saturating_mul(self.straggler_factor);
         usual.max(self.straggler_ms)

@@ -28,7 +28,7 @@ pub struct Delivery {
     pub unread: bool,
     /// What it took.
     pub totals: Totals,
-    /// Memory that its worker held meanwhile, if that is known [MiB].
+    /// Memory that its worker held meanwhile, if that is known \[MiB\].
     pub memory_mb: Option<u32>,
 }
 

@@ -12,7 +12,7 @@ pub(super) struct Demand {
     pub(super) renderer: Option<String>,
     /// What they are to have.
     pub(super) tags: BTreeSet<String>,
-    /// Memory that they are to have [MiB].
+    /// Memory that they are to have \[MiB\].
     pub(super) memory_mb: u32,
 }
 

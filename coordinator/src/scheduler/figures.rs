@@ -16,7 +16,7 @@ pub struct Figures {
     pub pending_iterations: u64,
     /// Leases of the usual length that these make.
     pub pending_leases: u64,
-    /// Most memory that one of the jobs at work was measured to take [MiB].
+    /// Most memory that one of the jobs at work was measured to take \[MiB\].
     pub memory_mb: u32,
     /// Jobs that nobody is at work on, by the reason.
     pub waiting: BTreeMap<Waiting, u64>,

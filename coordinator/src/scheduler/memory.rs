@@ -25,7 +25,7 @@ fn too_little(failures: &Table<u32, Vec<FailedAttempt>>) -> Option<u32> {
     short.iter().rev().nth(TRIES - 1).copied()
 }
 
-/// Memory that a worker must have for a job that goes on like this and failed so far like that [MiB].
+/// Memory that a worker must have for a job that goes on like this and failed so far like that \[MiB\].
 pub(super) fn needed(control: &JobControl, failures: &Table<u32, Vec<FailedAttempt>>) -> u32 {
     let measured = control.memory_mb.map(step_up);
     let needed = measured.or(control.schedule.memory_mb).unwrap_or(0);

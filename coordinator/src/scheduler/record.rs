@@ -57,7 +57,7 @@ pub struct FailedAttempt {
     /// Whether the same principal had failed at the leaf before, while others were there to try: it does not count again.
     #[serde(default)]
     pub repeated: bool,
-    /// Of a worker that ran out of memory: the memory that it has, if that is known [MiB].
+    /// Of a worker that ran out of memory: the memory that it has, if that is known \[MiB\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub memory_mb: Option<u32>,
 }
@@ -76,7 +76,7 @@ pub struct WorkerRecord {
     /// What it has.
     #[serde(default)]
     pub tags: BTreeSet<String>,
-    /// Memory that jobs may take of it, if it is known [MiB].
+    /// Memory that jobs may take of it, if it is known \[MiB\].
     #[serde(default)]
     pub memory_mb: Option<u32>,
     /// Where it registered from.
@@ -160,7 +160,7 @@ pub struct JobControl {
     /// The job that is to be done first, until it is.
     #[serde(default)]
     pub after: Option<JobId>,
-    /// Most memory that a worker was measured to hold while it worked on it [MiB].
+    /// Most memory that a worker was measured to hold while it worked on it \[MiB\].
     #[serde(default)]
     pub memory_mb: Option<u32>,
 }

@@ -77,7 +77,7 @@ pub struct Skill {
     pub renderer: String,
     /// What they have.
     pub tags: BTreeSet<String>,
-    /// Memory that jobs may take of them, if it is known [MiB].
+    /// Memory that jobs may take of them, if it is known \[MiB\].
     pub memory_mb: Option<u32>,
 }
 

@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 use table::{Full, Table};
 use tokio::sync::watch;
 
+pub(crate) use table::CheckFigures;
+
 /// Seconds after which whoever found the table full may ask again.
 const RETRY_S: u16 = 5;
 
@@ -56,6 +58,11 @@ impl Checks {
 }
 
 impl Service {
+    /// Checks in figures.
+    pub(crate) fn check_figures(&self) -> CheckFigures {
+        self.checks.table().figures()
+    }
+
     /// Asks for a check.
     pub(crate) async fn ask_check(
         self: &Arc<Self>,

@@ -5,10 +5,10 @@ use crate::store::{StateStore, StoreError};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Corrections backwards of up to so much make the clock stand still instead [ms].
+/// Corrections backwards of up to so much make the clock stand still instead \[ms\].
 const SMALL_STEP: u64 = 1000;
 
-/// Longest measurement that is believed [ms].
+/// Longest measurement that is believed \[ms\].
 const SLOWEST: Millis = 1000;
 
 /// Milliseconds since 1970 by the clock that all coordinators of the farm share.
@@ -72,7 +72,7 @@ impl Clock {
         now.max(self.told.fetch_max(now, Ordering::Relaxed))
     }
 
-    /// How long the machine was suspended since this was last asked [ms].
+    /// How long the machine was suspended since this was last asked \[ms\].
     pub(super) fn suspended(&self) -> i64 {
         let now = suspended_ms();
         now - self.suspended.swap(now, Ordering::Relaxed)
@@ -86,7 +86,7 @@ impl Clock {
     }
 
     /// Measures the clock that all coordinators share, if there is one, and follows it. Returns by how much this one
-    /// went ahead [ms].
+    /// went ahead \[ms\].
     pub(super) async fn measure(&self, state: &dyn StateStore) -> Result<i64, StoreError> {
         let before = self.now();
         let shared = state.time_ms().await?;
@@ -99,7 +99,7 @@ impl Clock {
     }
 
     /// Sets the clock by a measurement of the shared one, which was read between two readings of this one. Returns by
-    /// how much it went ahead [ms].
+    /// how much it went ahead \[ms\].
     pub(super) fn set(&self, before: Millis, shared: Millis, after: Millis) -> i64 {
         let middle = before + (after - before) / 2;
         let step = shared as i64 - middle as i64;

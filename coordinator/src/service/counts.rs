@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Upper bounds of the classes that durations of leases are counted in [s]. The usual lease is planned to take some ten seconds.
+/// Upper bounds of the classes that durations of leases are counted in \[s\]. The usual lease is planned to take some ten seconds.
 pub(crate) const LEASE_SECONDS: [f64; 9] = [1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
 
 /// Counts of what this coordinator decided since its start.
@@ -44,7 +44,7 @@ pub(crate) struct Durations {
     pub(crate) at_most: [u64; LEASE_SECONDS.len()],
     /// How many there are.
     pub(crate) count: u64,
-    /// Their sum [s].
+    /// Their sum \[s\].
     pub(crate) sum: f64,
 }
 

@@ -3,6 +3,7 @@
 use super::at_hand::buffer;
 use super::merge::{AddError, Merge, Unusable, add_up};
 use super::{Part, Service, ServiceError};
+use crate::background::in_background;
 use crate::scheduler::record::BlobName;
 use crate::scheduler::{Farm, Job};
 use crate::store::{self, StoreError};
@@ -70,7 +71,7 @@ impl Service {
                 runtime.block_on(add_up(store, at_hand, &merge, &mut image))?;
                 Ok(Bytes::from_owner(image))
             };
-            let added = tokio::task::spawn_blocking(add).await;
+            let added = in_background(add).await;
             let bytes = match added.map_err(|_| ServiceError::Stopping)? {
                 Ok(bytes) => bytes,
                 Err(AddError::Unusable(Unusable { node, image, reason })) => {

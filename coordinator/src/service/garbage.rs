@@ -19,7 +19,7 @@ const GARBAGE_AGE: Duration = Duration::from_secs(3600);
 /// Age at which a scene that no job names, or a file that no scene names, is garbage: its client may have sent it, and be
 /// about to submit the job.
 const SCENE_AGE: Duration = Duration::from_secs(24 * 3600);
-/// Longest time from the publication of an image to the commit of its row [ms]. It is far shorter than the age of
+/// Longest time from the publication of an image to the commit of its row \[ms\]. It is far shorter than the age of
 /// garbage, so that no removal meets an image whose row is about to come, wherever that is decided.
 const COMMIT_WITHIN: Millis = 600_000;
 

@@ -182,6 +182,7 @@ mod tests {
     use crate::store::memory::MemoryStore;
     use crate::store::{BlobStore, FolderStore, SqliteStore, StateStore};
     use photonfarm_proto::limits::Limits;
+    use photonfarm_proto::trace::Tracer;
 
     async fn open(folder: &std::path::Path, state: Arc<dyn StateStore>) -> Arc<Service> {
         let blobs =
@@ -191,7 +192,14 @@ mod tests {
             scenes: blobs("scenes"),
             nodes: blobs("nodes"),
         };
-        let opened = Service::open(Limits::default(), SchedulerConfig::default(), stores, None).await;
+        let opened = Service::open(
+            Limits::default(),
+            SchedulerConfig::default(),
+            stores,
+            None,
+            Tracer::default(),
+        )
+        .await;
         opened.unwrap()
     }
 

@@ -15,7 +15,7 @@ const JOBS: usize = 256;
 const SAMPLES: usize = 512;
 /// Most leases of a job.
 const LEASES: usize = 512;
-/// Least time between two samples of a job's progress [ms].
+/// Least time between two samples of a job's progress \[ms\].
 const STEP_MS: Millis = 500;
 
 /// The histories of the newest jobs.

@@ -5,6 +5,7 @@ use super::raw::{encode_raw, planes};
 use super::section::{Section, Wanted};
 use super::views::View;
 use super::{Service, ServiceError, VERSION};
+use crate::background::in_background;
 use crate::scheduler::Job;
 use crate::store::BlobReader;
 use axum::body::Bytes;
@@ -224,9 +225,7 @@ impl Service {
             };
             Ok::<_, PictureError>((bytes, noise))
         };
-        let (bytes, noise) = tokio::task::spawn_blocking(encode)
-            .await
-            .map_err(|_| ServiceError::Stopping)??;
+        let (bytes, noise) = in_background(encode).await.map_err(|_| ServiceError::Stopping)??;
         self.histories.measured(job.id(), self.clock.now(), iterations, noise);
         Ok(Some(Bytes::from(bytes)))
     }
@@ -243,9 +242,7 @@ impl Service {
                 average.push(node)?;
                 Ok(average)
             };
-            average = tokio::task::spawn_blocking(add)
-                .await
-                .map_err(|_| ServiceError::Stopping)??;
+            average = in_background(add).await.map_err(|_| ServiceError::Stopping)??;
             empty = false;
         }
         if empty {

@@ -16,7 +16,7 @@ use photonfarm_proto::problem::{ErrorCode, Problem};
 use photonfarm_proto::schedule::check_priority;
 use std::sync::Arc;
 
-/// Most jobs on a page.
+/// Most jobs, or deliveries, on a page.
 pub(crate) const PAGE: u32 = 100;
 /// Jobs on a page if the client does not say.
 const DEFAULT_PAGE: u32 = 20;

@@ -34,6 +34,7 @@ mod telling;
 #[cfg(test)]
 pub(crate) mod tests;
 mod trace;
+mod transact;
 mod upload;
 mod views;
 mod waiters;
@@ -41,6 +42,7 @@ mod waiters;
 mod window_tests;
 mod workers;
 
+pub(crate) use checks::CheckFigures;
 pub(crate) use counts::{Durations, LEASE_SECONDS};
 pub use error::ServiceError;
 pub(crate) use glance::Glance;
@@ -51,9 +53,8 @@ pub use retention::Keep;
 pub(crate) use scenes::SceneFile;
 pub use section::{Section, Wanted};
 
-use crate::scheduler::record::{Change, Millis};
-use crate::scheduler::{Decision, Farm, Job, NonceKey, Refusal, SchedulerConfig};
-use crate::store::{BlobStore, Commit, News, Sequence, StateStore, StoreError};
+use crate::scheduler::{Farm, Job, NonceKey, Refusal, SchedulerConfig};
+use crate::store::{BlobStore, StateStore};
 use crate::webhook::Webhooks;
 use clock::Clock;
 use photonfarm_proto::api::FarmIdentity;
@@ -66,6 +67,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
 use tokio::sync::{Mutex, Notify, RwLock, Semaphore, watch};
+use transact::FarmCell;
 
 pub use photonfarm_proto::VERSION;
 
@@ -128,38 +130,9 @@ pub struct Service {
     naming: RwLock<()>,
 }
 
-struct FarmCell {
-    farm: Farm,
-    /// Where the farm stands in the order of commits.
-    sequence: Sequence,
-    doubt: Doubt,
-}
-
-/// Whether what is remembered is what is kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Doubt {
-    /// It is.
-    None,
-    /// A commit failed with an unknown outcome: the store knows which.
-    Outcome,
-    /// Changes were being applied when a panic or a lost connection ended it: the state must be loaded again.
-    Torn,
-}
-
 impl Service {
-    /// As [`open_traced`](Self::open_traced), without a tracer.
-    #[cfg(test)]
-    pub(crate) async fn open(
-        limits: Limits,
-        scheduler: SchedulerConfig,
-        stores: Stores,
-        webhooks: Option<Webhooks>,
-    ) -> Result<Arc<Self>, ServiceError> {
-        Self::open_traced(limits, scheduler, stores, webhooks, Tracer::default()).await
-    }
-
     /// Goes on from what the stores hold; spans go to the tracer.
-    pub(crate) async fn open_traced(
+    pub(crate) async fn open(
         limits: Limits,
         scheduler: SchedulerConfig,
         stores: Stores,
@@ -178,11 +151,7 @@ impl Service {
         let service = Arc::new(Self {
             limits,
             stores,
-            farm: Mutex::new(FarmCell {
-                farm,
-                sequence,
-                doubt: Doubt::None,
-            }),
+            farm: Mutex::new(FarmCell::new(farm, sequence)),
             clock,
             progress: watch::Sender::new(0),
             waiters: waiters::Waiters::default(),
@@ -295,169 +264,6 @@ impl Service {
     /// Notices changes of any status.
     pub(crate) fn progress(&self) -> watch::Receiver<u64> {
         self.progress.subscribe()
-    }
-
-    /// Decides, commits, applies. Where another coordinator was first, learns what it did and decides again. Runs to
-    /// its end even if the caller is dropped, so that what is remembered never differs from what is kept.
-    async fn transact<T: Send + 'static>(
-        self: &Arc<Self>,
-        decide: impl Fn(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
-    ) -> Result<T, ServiceError> {
-        self.transact_until(Millis::MAX, decide).await
-    }
-
-    /// As [`transact`](Self::transact); after the time `last` nothing is committed.
-    async fn transact_until<T: Send + 'static>(
-        self: &Arc<Self>,
-        last: Millis,
-        decide: impl Fn(&Farm, Millis) -> Result<Decision<T>, Refusal> + Send + 'static,
-    ) -> Result<T, ServiceError> {
-        let service = self.clone();
-        let task = async move {
-            let mut cell = service.fresh_farm().await?;
-            loop {
-                let now = service.clock.now();
-                let Decision { reply, changes } = match decide(&cell.farm, now) {
-                    Ok(decision) => decision,
-                    Err(_) if service.catch_up(&mut cell).await? => continue,
-                    Err(refusal) => return Err(refusal.into()),
-                };
-                if changes.is_empty() {
-                    return Ok(reply);
-                }
-                let changes = cell.farm.with_successors(changes, now);
-                let changes = service.with_notices(&cell.farm, changes)?;
-                if now > last {
-                    return Err(garbage::too_late());
-                }
-                // Whatever ends this task before it says otherwise, a panic too, leaves the state to be loaded again.
-                cell.doubt = Doubt::Torn;
-                let kept = service
-                    .stores
-                    .state
-                    .commit(cell.sequence, changes.clone())
-                    .await
-                    .map_err(ServiceError::from);
-                service.note(Part::State, &kept);
-                match kept {
-                    Ok(Commit::Kept(sequence)) => {
-                        cell.sequence = sequence;
-                        service.apply(&mut cell, &changes, now);
-                        cell.doubt = Doubt::None;
-                        return Ok(reply);
-                    }
-                    Ok(Commit::Behind) => {
-                        cell.doubt = Doubt::None;
-                        service.catch_up(&mut cell).await?;
-                    }
-                    Err(error @ ServiceError::Store(StoreError::TooLate)) => {
-                        cell.doubt = Doubt::None;
-                        return Err(error);
-                    }
-                    Err(error) => {
-                        cell.doubt = Doubt::Outcome;
-                        return Err(error);
-                    }
-                }
-            }
-        };
-        tokio::spawn(task).await.map_err(|_| ServiceError::Stopping)?
-    }
-
-    /// Applies changes of this coordinator that are kept.
-    fn apply(self: &Arc<Self>, cell: &mut FarmCell, changes: &[Change], now: Millis) {
-        let garbage = garbage::superfluous(&cell.farm, changes);
-        self.histories.before(&cell.farm, changes, now);
-        self.trace_changes(&cell.farm, changes, now);
-        for change in changes {
-            journal::note(&cell.farm, change);
-            self.counts.note(change);
-            self.log.note(&cell.farm, change, now);
-            if let Change::JobEnded { job, .. } = change
-                && let Some(job) = cell.farm.job(*job)
-            {
-                job.live_nodes().for_each(|(_, digest)| self.at_hand.forget(digest));
-            }
-            cell.farm.evolve(change, now);
-        }
-        self.histories.after(&cell.farm, changes, now);
-        self.notify(changes);
-        self.collect(garbage);
-    }
-
-    /// Learns what other coordinators changed. Returns whether there was anything.
-    async fn catch_up(self: &Arc<Self>, cell: &mut FarmCell) -> Result<bool, ServiceError> {
-        if !self.stores.state.is_shared() {
-            return Ok(false);
-        }
-        match self.stores.state.news(cell.sequence).await? {
-            News::Changes(sequence, changes) => {
-                let moved = sequence != cell.sequence;
-                let now = self.clock.now();
-                cell.doubt = Doubt::Torn;
-                self.histories.before(&cell.farm, &changes, now);
-                for change in &changes {
-                    self.log.note(&cell.farm, change, now);
-                    cell.farm.evolve(change, now);
-                }
-                self.histories.after(&cell.farm, &changes, now);
-                cell.sequence = sequence;
-                cell.doubt = Doubt::None;
-                if moved {
-                    self.notify(&changes);
-                    self.fold_news(&changes);
-                }
-                Ok(moved)
-            }
-            News::Forgotten => {
-                self.reload(cell).await?;
-                Ok(true)
-            }
-        }
-    }
-
-    async fn reload(&self, cell: &mut FarmCell) -> Result<(), ServiceError> {
-        let (sequence, snapshot) = self.stores.state.load().await?;
-        cell.farm = Farm::restore(cell.farm.config().clone(), snapshot, self.clock.now());
-        cell.sequence = sequence;
-        Ok(())
-    }
-
-    /// The farm's state, brought up to date if a commit left it in doubt.
-    async fn fresh_farm(self: &Arc<Self>) -> Result<tokio::sync::MutexGuard<'_, FarmCell>, ServiceError> {
-        let mut cell = self.farm.lock().await;
-        match cell.doubt {
-            Doubt::None => return Ok(cell),
-            Doubt::Outcome if self.stores.state.is_shared() => _ = self.catch_up(&mut cell).await?,
-            Doubt::Outcome | Doubt::Torn => {
-                tracing::warn!("the farm's state is loaded again: what became of a change is not known");
-                self.reload(&mut cell).await?;
-            }
-        }
-        cell.doubt = Doubt::None;
-        Ok(cell)
-    }
-
-    fn notify(&self, changes: &[Change]) {
-        self.progress.send_modify(|version| *version += 1);
-        let makes_work = |change: &Change| {
-            matches!(
-                change,
-                Change::JobSubmitted(_)
-                    | Change::JobChanged { .. }
-                    | Change::JobReopened { .. }
-                    | Change::LeaseEnded { .. }
-                    | Change::NodeJudged { .. }
-                    | Change::NodeLost { .. }
-                    | Change::FailuresForgotten { .. }
-            )
-        };
-        if changes.iter().any(makes_work) {
-            self.waiters.wake();
-        }
-        if changes.iter().any(|change| matches!(change, Change::NoticeAdded(_))) {
-            self.told.notify_one();
-        }
     }
 
     /// A job, whether it goes on or has ended.

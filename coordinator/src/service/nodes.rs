@@ -1,6 +1,7 @@
 //! Images of nodes as they are read: one that is not what it should be is given up.
 
 use super::{Service, ServiceError};
+use crate::background::in_background;
 use crate::scheduler::record::BlobName;
 use crate::scheduler::{Decision, Farm};
 use crate::store::StoreError;
@@ -86,8 +87,6 @@ impl Service {
             Ok(_) => Err("its image is that of another node".to_owned()),
             Err(error) => Err(error.to_string()),
         };
-        tokio::task::spawn_blocking(decode)
-            .await
-            .map_err(|_| ServiceError::Stopping)
+        in_background(decode).await.map_err(|_| ServiceError::Stopping)
     }
 }

@@ -1,6 +1,7 @@
 //! The noise of a prefix of a job's iterations: what a noise target is held against.
 
 use super::{Service, ServiceError};
+use crate::background::in_background;
 use crate::scheduler::Job;
 use photonfarm_core::film::Image;
 use photonfarm_core::picture::PictureError;
@@ -20,9 +21,7 @@ impl Service {
                 let stack = Image::average(&[node])?;
                 Ok(layers.picture(stack).map_err(PictureError::from)?.noise())
             };
-            let noise = tokio::task::spawn_blocking(measure)
-                .await
-                .map_err(|_| ServiceError::Stopping)??;
+            let noise = in_background(measure).await.map_err(|_| ServiceError::Stopping)??;
             self.histories.measured(job, self.clock.now(), key.end(), noise);
             tracing::info!(%job, iterations = key.end(), noise, "noise measured");
             self.transact(move |farm, _| Ok(farm.checkpoint(job, key, noise)))

@@ -6,7 +6,7 @@ use photonfarm_core::film::Image;
 use photonfarm_core::math;
 use photonfarm_core::picture::{PictureError, ToneCurve};
 
-/// Longest side [pixels].
+/// Longest side \[pixels\].
 const SIDE: u32 = 256;
 /// Quality by the scale of the Independent JPEG Group.
 const QUALITY: u8 = 82;

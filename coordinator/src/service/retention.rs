@@ -14,7 +14,7 @@ const GIGABYTE: f64 = 1e9;
 /// How long jobs that have ended are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Keep {
-    /// Longest time since a job ended [ms]; none: for ever.
+    /// Longest time since a job ended \[ms\]; none: for ever.
     pub longest_ms: Option<Millis>,
     /// Most bytes of all jobs that have ended, with the scenes that only they name; none: no limit.
     pub most_bytes: Option<u64>,

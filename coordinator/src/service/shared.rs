@@ -11,9 +11,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Time between two measurements of the clock that all coordinators share [ms].
+/// Time between two measurements of the clock that all coordinators share \[ms\].
 const MEASURE_EVERY: Millis = 60_000;
-/// Absence of this coordinator, or step of the clock, after which silence is held against no worker [ms]: half of the time
+/// Absence of this coordinator, or step of the clock, after which silence is held against no worker \[ms\]: half of the time
 /// after which leases expire.
 const ABSENCE: i64 = 15_000;
 /// Wait after a failure to learn the news.

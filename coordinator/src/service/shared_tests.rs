@@ -28,7 +28,9 @@ async fn open(url: &str, folder: &Path) -> Arc<Service> {
         lease_ttl_ms: 60_000,
         ..SchedulerConfig::default()
     };
-    Service::open(Limits::default(), scheduler, stores, None).await.unwrap()
+    Service::open(Limits::default(), scheduler, stores, None, Tracer::default())
+        .await
+        .unwrap()
 }
 
 async fn submit(service: &Arc<Service>, iterations: u32) -> JobId {

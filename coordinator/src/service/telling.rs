@@ -21,7 +21,7 @@ use std::time::Duration;
 const AT_ONCE: u32 = 32;
 /// Longest time without a look for what is to be sent.
 const POLL: Duration = Duration::from_secs(1);
-/// How long deliveries that arrived or were given up are shown [ms].
+/// How long deliveries that arrived or were given up are shown \[ms\].
 const SHOWN: Millis = 7 * 24 * 3_600_000;
 /// Deliveries on a page if the client does not say.
 const DEFAULT_PAGE: u32 = 20;
@@ -230,6 +230,7 @@ mod tests {
     use crate::store::memory::NextCommit;
     use crate::webhook::{WebhookConfig, WebhookSecret};
     use photonfarm_proto::limits::Limits;
+    use photonfarm_proto::trace::Tracer;
 
     /// Whatever becomes of the commit with which a job ends, it is told once if the job has ended, and not at all if it goes on.
     #[tokio::test]
@@ -247,7 +248,14 @@ mod tests {
             };
             let webhooks = Webhooks::new(config, "http://farm").unwrap();
             let stores = world.service.stores.clone();
-            let service = Service::open(Limits::default(), SchedulerConfig::default(), stores, webhooks).await;
+            let service = Service::open(
+                Limits::default(),
+                SchedulerConfig::default(),
+                stores,
+                webhooks,
+                Tracer::default(),
+            )
+            .await;
             let service = service.unwrap();
             let due = async || world.state.due_notices(Millis::MAX, 9).await.unwrap().len();
             *world.state.next.lock().unwrap() = next;

@@ -51,6 +51,7 @@ async fn open(folder: &Path, state: &Arc<MemoryStore>) -> Arc<Service> {
         SchedulerConfig::default(),
         stores(folder, state),
         None,
+        Tracer::default(),
     )
     .await
     .unwrap()
@@ -88,9 +89,15 @@ impl World {
     }
 
     pub(super) async fn with(iterations: u32, folder: TempDir, state: Arc<MemoryStore>, stores: Stores) -> Self {
-        let service = Service::open(Limits::default(), SchedulerConfig::default(), stores, None)
-            .await
-            .unwrap();
+        let service = Service::open(
+            Limits::default(),
+            SchedulerConfig::default(),
+            stores,
+            None,
+            Tracer::default(),
+        )
+        .await
+        .unwrap();
         let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
         let bundle = service
             .submit_bundle(BundleManifest { files }, &Caller::anyone())

@@ -353,7 +353,14 @@ async fn what_one_coordinator_gave_up_is_not_what_another_has_counted_since() {
         let first = a.lease().await;
         a.arrive(&first).await.unwrap();
         let stores = ground.stores(&Arc::default()).await;
-        let b = Service::open(Limits::default(), SchedulerConfig::default(), stores, None).await;
+        let b = Service::open(
+            Limits::default(),
+            SchedulerConfig::default(),
+            stores,
+            None,
+            Tracer::default(),
+        )
+        .await;
         let image = a.service.stores.state.live_images().await.unwrap()[0];
 
         let gate = faults.wait(Step::Remove);

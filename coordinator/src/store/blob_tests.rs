@@ -1,7 +1,9 @@
 //! One conformance suite for every blob store, and what is special to each.
 
 use super::*;
+use bytes::Bytes;
 use photonfarm_test_servers::S3;
+use std::time::Duration;
 use tempfile::TempDir;
 use tokio::io::AsyncReadExt;
 

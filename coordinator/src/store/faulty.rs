@@ -1,9 +1,11 @@
 //! Stores for tests that fail or wait at the very step that a test names, around stores of any kind.
 
 use super::*;
+use bytes::Bytes;
 use std::ops::Deref;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use tokio::sync::Semaphore;
 
 /// A step at which something may happen.

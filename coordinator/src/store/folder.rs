@@ -2,6 +2,7 @@
 
 use super::room::room_at;
 use super::{BlobReader, BlobStore, Room, StagedBlob, StoreError, check_folder, not_writable};
+use crate::background::in_background;
 use crate::scheduler::record::BlobName;
 use async_trait::async_trait;
 use bytes::Bytes;
@@ -79,19 +80,18 @@ fn sync_folder(path: &Path) -> Result<(), StoreError> {
         .map_err(io(path))
 }
 
-async fn in_background<T: Send + 'static>(
+/// Does what the file system may keep waiting.
+async fn apart<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
 ) -> Result<T, StoreError> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .map_err(|_| StoreError::Stopped)?
+    in_background(work).await.map_err(|_| StoreError::Stopped)?
 }
 
 #[async_trait]
 impl BlobStore for FolderStore {
     async fn stage(&self, name: BlobName) -> Result<Box<dyn StagedBlob>, StoreError> {
         let staging = self.root.join(STAGING);
-        let (file, path) = in_background(move || {
+        let (file, path) = apart(move || {
             let file = tempfile::NamedTempFile::new_in(&staging).map_err(io(&staging))?;
             file.keep().map_err(|error| io(&staging)(error.error))
         })
@@ -107,7 +107,7 @@ impl BlobStore for FolderStore {
 
     async fn read(&self, name: BlobName, most: u64) -> Result<Vec<u8>, StoreError> {
         let (path, hash) = (self.path(name), name.hash);
-        in_background(move || {
+        apart(move || {
             let file = std::fs::File::open(&path).map_err(|error| missing_or(hash, &path, error))?;
             let length = file.metadata().map_err(io(&path))?.len();
             if length > most {
@@ -158,7 +158,7 @@ impl BlobStore for FolderStore {
 
     async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError> {
         let root = self.root.clone();
-        in_background(move || {
+        apart(move || {
             let now = clock(&root.join(STAGING))?;
             let mut names = Vec::new();
             for folder in std::fs::read_dir(&root).map_err(io(&root))? {
@@ -234,7 +234,7 @@ impl StagedBlob for StagedFile {
             content.append(&pieces).map_err(io(&path))?;
             Ok(content)
         };
-        self.content = Some(in_background(append).await?);
+        self.content = Some(apart(append).await?);
         Ok(())
     }
 
@@ -263,7 +263,7 @@ impl StagedBlob for StagedFile {
         }
         let Content { file, .. } = content.ok_or(StoreError::Stopped)?;
         let path = store.path(name);
-        in_background(move || {
+        apart(move || {
             file.sync_all().map_err(io(&guard.0))?;
             let folder = path.parent().unwrap_or(&store.root);
             if !folder.is_dir() {

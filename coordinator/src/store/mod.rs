@@ -4,10 +4,12 @@
 //! A crash in between leaves bytes without a row, which the next start removes; never a row without bytes.
 
 mod backup;
+mod blob;
 #[cfg(test)]
 mod blob_tests;
 #[cfg(test)]
 mod deletion_tests;
+mod error;
 #[cfg(test)]
 pub(crate) mod faulty;
 mod filter;
@@ -21,6 +23,7 @@ mod notice_tests;
 mod object;
 mod place;
 mod postgres;
+mod postgres_connection;
 mod postgres_schema;
 mod postgres_session;
 #[cfg(test)]
@@ -42,6 +45,9 @@ mod tests;
 mod token;
 
 pub use backup::{Backup, BackupError, back_up};
+pub(crate) use blob::hash_of;
+pub use blob::{BlobReader, BlobStore, StagedBlob, new_copy, put};
+pub use error::StoreError;
 pub use filter::JobFilter;
 pub use folder::FolderStore;
 pub use object::ObjectBlobs;
@@ -53,7 +59,7 @@ pub use token::TokenRecord;
 
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Notice, Snapshot};
 use async_trait::async_trait;
-use bytes::Bytes;
+use error::{check_file, check_folder, not_writable};
 use photonfarm_proto::api::FarmIdentity;
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -63,141 +69,6 @@ use photonfarm_proto::token::Usage;
 use photonfarm_proto::worker::LeaseProgress;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
-use std::time::Duration;
-use thiserror::Error;
-use tokio::io::AsyncReadExt;
-
-/// Why a store failed.
-#[derive(Debug, Error)]
-pub enum StoreError {
-    /// Another coordinator has the store open.
-    #[error("{}: in use by another coordinator", .0.display())]
-    InUse(PathBuf),
-    /// Made by a newer version, or by another program.
-    #[error("{place}: {reason}")]
-    Foreign {
-        /// The file or the database.
-        place: String,
-        /// What it is.
-        reason: String,
-    },
-    /// Contents that cannot be.
-    #[error("the store is damaged: {0}")]
-    Damaged(String),
-    /// The bytes do not have the hash announced; nothing was kept.
-    #[error("the bytes have hash {found}, not {expected}")]
-    WrongHash {
-        /// Hash announced.
-        expected: BlobHash,
-        /// Hash found.
-        found: BlobHash,
-    },
-    /// A change of a job that somebody else changed meanwhile; nothing was kept.
-    #[error("the job was changed by somebody else meanwhile: try again")]
-    TooLate,
-    /// No such blob.
-    #[error("there is no blob {0}")]
-    NoBlob(BlobHash),
-    /// The database file failed.
-    #[error("the database failed: {0}")]
-    Sqlite(#[from] rusqlite::Error),
-    /// A file or folder of this user's that is somebody else's, or on a disk that is read only.
-    #[error("{} cannot be written: {reason}; run the coordinator as the user who owns its data, on a disk that takes it", path.display())]
-    NotWritable {
-        /// The file or the folder.
-        path: PathBuf,
-        /// What the system says.
-        reason: String,
-    },
-    /// The file system failed.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What failed.
-        source: std::io::Error,
-    },
-    /// The database server failed, or the connection to it.
-    #[error("the database failed: {}", describe(.0))]
-    Postgres(#[from] tokio_postgres::Error),
-    /// No connection to the database server.
-    #[error("no connection to the database: {0}")]
-    Connection(String),
-    /// The object store failed.
-    #[error("the object store failed: {0}")]
-    Object(#[from] object_store::Error),
-    /// The system has no memory for an image.
-    #[error("no memory for an image: {0}")]
-    Memory(std::io::Error),
-    /// The system gives no random numbers.
-    #[error("no random numbers: {0}")]
-    Random(#[from] getrandom::Error),
-    /// The store's task did not end.
-    #[error("the store was stopped")]
-    Stopped,
-}
-
-impl StoreError {
-    /// Whether there is no room left.
-    #[must_use]
-    pub fn is_full(&self) -> bool {
-        match self {
-            Self::Io { source, .. } => matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded),
-            Self::Sqlite(error) => error.sqlite_error_code() == Some(rusqlite::ErrorCode::DiskFull),
-            _ => false,
-        }
-    }
-
-    /// Whether the same call may succeed later, as after a full disk.
-    #[must_use]
-    pub fn retryable(&self) -> bool {
-        matches!(
-            self,
-            Self::Sqlite(_)
-                | Self::Postgres(_)
-                | Self::Connection(_)
-                | Self::Object(_)
-                | Self::Io { .. }
-                | Self::Memory(_)
-                | Self::Random(_)
-                | Self::TooLate
-                | Self::Stopped
-        )
-    }
-}
-
-/// Refuses a folder in which no file can be made. One on a full disk passes: it may have room again soon.
-fn check_folder(path: &Path) -> Result<(), StoreError> {
-    match tempfile::NamedTempFile::new_in(path) {
-        Err(error) if error.kind() != ErrorKind::StorageFull => Err(not_writable(path, &error)),
-        _ => Ok(()),
-    }
-}
-
-/// Refuses a file that is there and cannot be written.
-fn check_file(path: &Path) -> Result<(), StoreError> {
-    match std::fs::File::options().read(true).write(true).open(path) {
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(not_writable(path, &error)),
-        _ => Ok(()),
-    }
-}
-
-fn not_writable(path: &Path, error: &std::io::Error) -> StoreError {
-    StoreError::NotWritable {
-        path: path.to_owned(),
-        reason: error.kind().to_string(),
-    }
-}
-
-/// What the server said, which the error itself does not show.
-fn describe(error: &tokio_postgres::Error) -> String {
-    match std::error::Error::source(error) {
-        Some(source) => format!("{error}: {source}"),
-        None => error.to_string(),
-    }
-}
 
 /// The farm's place in the order of commits: every commit raises it by one. Stores with one user leave it at zero.
 pub type Sequence = u64;
@@ -412,130 +283,4 @@ pub trait StateStore: Send + Sync {
     async fn time_ms(&self) -> Result<Option<Millis>, StoreError> {
         Ok(None)
     }
-}
-
-/// Bytes, named by their hash and the number of a copy.
-///
-/// # Contract
-/// * A blob is there whole or not at all, and what was published survives a crash of the machine.
-/// * Publishing what is there already succeeds, and changes nothing but its age.
-/// * [`read`](Self::read) returns bytes of the hash asked for, or an error: [`StoreError::NoBlob`] or
-///   [`StoreError::Damaged`] where the same call will not succeed later.
-#[async_trait]
-pub trait BlobStore: Send + Sync {
-    /// Begins the blob of this name. Dropping it leaves nothing behind that anyone could read.
-    async fn stage(&self, name: BlobName) -> Result<Box<dyn StagedBlob>, StoreError>;
-    /// All bytes, verified. A blob of more than `most` bytes is damaged.
-    async fn read(&self, name: BlobName, most: u64) -> Result<Vec<u8>, StoreError>;
-    /// The bytes from `start` on as a stream, with the length of all of them, not verified: the receiver does that.
-    /// `start` is no greater than the length.
-    async fn open_at(&self, name: BlobName, start: u64) -> Result<(u64, BlobReader), StoreError>;
-    /// The size of the blob, if it is there.
-    async fn size(&self, name: BlobName) -> Result<Option<u64>, StoreError>;
-    /// Removes the blob, if it is there.
-    async fn remove(&self, name: BlobName) -> Result<(), StoreError>;
-    /// Names of all blobs, and how long ago each was last published. Both ends of that time are read from the clock of
-    /// the store itself, so that it is right whatever the time is on this machine.
-    async fn list(&self) -> Result<Vec<(BlobName, Duration)>, StoreError>;
-
-    /// The room on its disk, where it lies on one that can be looked at.
-    async fn room(&self) -> Result<Option<Room>, StoreError> {
-        Ok(None)
-    }
-
-    /// All bytes as a stream with its length, not verified.
-    async fn open(&self, name: BlobName) -> Result<(u64, BlobReader), StoreError> {
-        self.open_at(name, 0).await
-    }
-
-    /// Whether there are URLs by which others may read and write for a short time.
-    fn signs(&self) -> bool {
-        false
-    }
-
-    /// A URL for an HTTP GET of the blob, where the store [`signs`](Self::signs).
-    async fn read_url(&self, _name: BlobName) -> Result<Option<String>, StoreError> {
-        Ok(None)
-    }
-
-    /// A URL for an HTTP PUT of bytes that are no blob until they are [`adopt`](Self::adopt)ed from this place, where
-    /// the store [`signs`](Self::signs).
-    async fn write_url(&self, _place: &str) -> Result<Option<String>, StoreError> {
-        Ok(None)
-    }
-
-    /// Makes a blob of what was put to [`write_url`](Self::write_url). Its size is checked, its hash is not: readers
-    /// do that. [`StoreError::NoBlob`] if nothing was put, [`StoreError::Damaged`] if it has another size.
-    async fn adopt(&self, _place: &str, name: BlobName, _bytes: u64) -> Result<(), StoreError> {
-        Err(StoreError::NoBlob(name.hash))
-    }
-
-    /// Removes what was put to [`write_url`](Self::write_url) and is not to be adopted, if anything was.
-    async fn discard(&self, _place: &str) -> Result<(), StoreError> {
-        Ok(())
-    }
-
-    /// Removes what was put so long ago and never adopted.
-    async fn tidy(&self, _age: Duration) -> Result<(), StoreError> {
-        Ok(())
-    }
-}
-
-/// Bytes of a blob as they are read.
-pub type BlobReader = Box<dyn tokio::io::AsyncRead + Send + Unpin>;
-
-/// A blob that is being written.
-#[async_trait]
-pub trait StagedBlob: Send {
-    /// Appends bytes, piece by piece. After an error there is nothing more to do with it.
-    async fn write_pieces(&mut self, pieces: Vec<Bytes>) -> Result<(), StoreError>;
-
-    /// Appends a copy of bytes.
-    async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
-        self.write_pieces(vec![Bytes::copy_from_slice(bytes)]).await
-    }
-
-    /// The caller has found that the bytes to be written have the hash announced: it is not computed again.
-    fn trust(&mut self);
-    /// The hash of the bytes written so far; the one announced where the caller is trusted.
-    fn hash(&self) -> BlobHash;
-    /// Makes the bytes durable and visible, if they have the hash announced.
-    async fn publish(self: Box<Self>) -> Result<(), StoreError>;
-}
-
-/// The number of a copy that nobody else has: 64 random bits.
-pub fn new_copy() -> Result<u64, StoreError> {
-    Ok(getrandom::u64()?)
-}
-
-/// Bytes that are hashed at a time.
-const PIECE: usize = 1 << 18;
-
-/// The hash of the bytes that lie in the store under a name.
-pub(crate) async fn hash_of(store: &dyn BlobStore, name: BlobName) -> Result<BlobHash, StoreError> {
-    let (_, mut reader) = store.open(name).await?;
-    let (mut hasher, mut piece) = (blake3::Hasher::new(), vec![0; PIECE]);
-    loop {
-        let read = reader.read(&mut piece).await.map_err(|source| StoreError::Io {
-            path: name.to_string().into(),
-            source,
-        })?;
-        if read == 0 {
-            return Ok(hasher.finalize().into());
-        }
-        hasher.update(&piece[..read]);
-    }
-}
-
-/// Stages and publishes bytes at hand, as the given copy of them.
-pub async fn put(store: &dyn BlobStore, bytes: Bytes, copy: u64) -> Result<BlobName, StoreError> {
-    let hashed = bytes.clone();
-    let hash = tokio::task::spawn_blocking(move || BlobHash::of(&hashed));
-    let hash = hash.await.map_err(|_| StoreError::Stopped)?;
-    let name = BlobName { hash, copy };
-    let mut staged = store.stage(name).await?;
-    staged.trust();
-    staged.write_pieces(vec![bytes]).await?;
-    staged.publish().await?;
-    Ok(name)
 }

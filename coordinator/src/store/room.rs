@@ -1,6 +1,7 @@
 //! Room on disks.
 
 use super::StoreError;
+use crate::background::in_background;
 use std::path::PathBuf;
 
 /// The room on the disk that a store lies on.
@@ -14,7 +15,7 @@ pub struct Room {
 
 /// The room on the disk that a folder or a file lies on.
 pub(super) async fn room_at(path: PathBuf) -> Result<Option<Room>, StoreError> {
-    let looked = tokio::task::spawn_blocking(move || {
+    let looked = in_background(move || {
         let disk = rustix::fs::statvfs(&path).map_err(|error| StoreError::Io {
             path,
             source: error.into(),

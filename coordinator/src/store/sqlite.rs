@@ -12,6 +12,7 @@ use super::{
     Announced, Commit, EndedJob, JobFilter, NoticeRecord, PictureRecord, Room, Sequence, StateStore, StoreError,
     TokenRecord, check_file, not_writable, sql_bundles, sql_farm, sql_jobs, sql_notices, sql_pictures, sql_tokens,
 };
+use crate::background::in_background;
 use crate::scheduler::record::{BlobName, Change, JobRecord, Millis, Snapshot};
 use async_trait::async_trait;
 use futures_util::FutureExt;
@@ -142,9 +143,7 @@ impl SqliteStore {
             let mut open = open.lock().unwrap_or_else(PoisonError::into_inner);
             work(&mut open.as_mut().ok_or(StoreError::Stopped)?.connection)
         };
-        tokio::task::spawn_blocking(run)
-            .await
-            .map_err(|_| StoreError::Stopped)?
+        in_background(run).await.map_err(|_| StoreError::Stopped)?
     }
 
     /// Answers by queries that never wait.
@@ -297,7 +296,7 @@ impl StateStore for SqliteStore {
     async fn close(&self) {
         let open = self.open.clone();
         let close = move || drop(open.lock().unwrap_or_else(PoisonError::into_inner).take());
-        if tokio::task::spawn_blocking(close).await.is_err() {
+        if in_background(close).await.is_err() {
             tracing::warn!("the database was not closed");
         }
     }

@@ -2,6 +2,7 @@
 
 use super::{Webhooks, address};
 use crate::scheduler::record::{Millis, Notice};
+use photonfarm_proto::hex::Hex;
 use photonfarm_proto::webhook::{DELIVERY, SIGNATURE, TIMESTAMP};
 use photonfarm_proto::worker::cut_text;
 use reqwest::Url;
@@ -41,13 +42,7 @@ fn sign(secret: &hmac::Key, timestamp: &str, body: &str) -> String {
     for part in [timestamp, ".", body] {
         context.update(part.as_bytes());
     }
-    let digits = context
-        .sign()
-        .as_ref()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect::<String>();
-    format!("sha256={digits}")
+    format!("sha256={}", Hex(context.sign().as_ref()))
 }
 
 /// An error with what caused it.

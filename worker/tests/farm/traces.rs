@@ -1,8 +1,9 @@
 //! Spans of a job on their way to a collector.
 
 use crate::support::{Farm, SUBMITTER};
+use photonfarm_proto::hex::Hex;
 use photonfarm_proto::job::JobState;
-use photonfarm_proto::trace::{Context, Hex};
+use photonfarm_proto::trace::Context;
 use photonfarm_test_servers::Collector;
 use photonfarm_worker::Exporter;
 use serde_json::Value;

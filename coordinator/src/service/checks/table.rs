@@ -9,15 +9,15 @@ use photonfarm_proto::waiting::Waiting;
 pub(super) const MOST: usize = 64;
 /// Most of them that were asked for with one token.
 pub(super) const MOST_OF_OWNER: usize = 16;
-/// How long a check is kept after it was asked for [ms].
+/// How long a check is kept after it was asked for \[ms\].
 pub(super) const AGE: Millis = 600_000;
 /// Workers that may fail to answer.
 pub(super) const ATTEMPTS: usize = 3;
-/// How long a worker may be at a check, whatever signs of life it gives: longer than workers give themselves [ms].
+/// How long a worker may be at a check, whatever signs of life it gives: longer than workers give themselves \[ms\].
 pub(super) const LONGEST: Millis = 180_000;
-/// How long a check is left to idle workers [ms].
+/// How long a check is left to idle workers \[ms\].
 pub(super) const FOR_IDLE: Millis = 2_000;
-/// How long a worker that has failed to answer leaves the check to others [ms].
+/// How long a worker that has failed to answer leaves the check to others \[ms\].
 pub(super) const FOR_OTHERS: Millis = 5_000;
 
 /// Why there is no room for another check.
@@ -86,25 +86,54 @@ impl Check {
         !left_to_idle && mine.all(|attempt| now >= attempt.at + FOR_OTHERS)
     }
 
-    /// The worker that has it did not answer.
-    fn fail(&mut self, lent: Lent, reason: String, now: Millis) {
+    /// The worker that has it did not answer, which may end it.
+    fn fail(&mut self, lent: Lent, reason: String, now: Millis) -> Option<Outcome> {
         self.failed.push(Attempt {
             worker: lent.worker,
             at: now,
             reason: reason.clone(),
         });
-        self.state = match self.failed.len() {
-            ATTEMPTS.. => State::Answered(CheckAnswer::Never(format!(
-                "it was given to workers {ATTEMPTS} times, and none answered; the last time: {reason}"
-            ))),
-            _ => State::Waiting(now),
-        };
+        if self.failed.len() < ATTEMPTS {
+            self.state = State::Waiting(now);
+            return None;
+        }
+        self.state = State::Answered(CheckAnswer::Never(format!(
+            "it was given to workers {ATTEMPTS} times, and none answered; the last time: {reason}"
+        )));
+        Some(Outcome::Unanswered)
     }
+}
+
+/// How checks end, in the order of [`OUTCOMES`].
+#[derive(Clone, Copy, Debug)]
+enum Outcome {
+    Report,
+    Failure,
+    Unanswered,
+    Forgotten,
+}
+
+/// The names of that in figures.
+const OUTCOMES: [&str; 4] = ["report", "failure", "unanswered", "forgotten"];
+
+/// Checks in figures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct CheckFigures {
+    /// Those that no worker is at.
+    pub(crate) waiting: u64,
+    /// Those that a worker is at.
+    pub(crate) lent: u64,
+    /// Those that ended, by the name of how.
+    pub(crate) ended: [(&'static str, u64); 4],
 }
 
 /// Checks, oldest first.
 #[derive(Debug, Default)]
-pub(super) struct Table(Vec<Check>);
+pub(super) struct Table {
+    checks: Vec<Check>,
+    /// How many ended, in the order of [`OUTCOMES`].
+    ended: [u64; 4],
+}
 
 impl Table {
     /// Takes up a check. Where its owner has as many as one may have, it takes the place of the oldest that no worker is at;
@@ -112,16 +141,25 @@ impl Table {
     pub(super) fn add(&mut self, id: CheckId, owner: &str, spec: CheckSpec, now: Millis) -> Result<(), Full> {
         self.expire(now);
         let is_own = |check: &Check| check.owner == owner;
-        if self.0.iter().filter(|check| is_own(check)).count() >= MOST_OF_OWNER {
-            let answered = self.0.iter().position(|check| is_own(check) && check.is_answered());
-            let idle = || self.0.iter().position(|check| is_own(check) && check.lent().is_none());
+        if self.checks.iter().filter(|check| is_own(check)).count() >= MOST_OF_OWNER {
+            let answered = self
+                .checks
+                .iter()
+                .position(|check| is_own(check) && check.is_answered());
+            let idle = || {
+                self.checks
+                    .iter()
+                    .position(|check| is_own(check) && check.lent().is_none())
+            };
             let oldest = answered.or_else(idle).ok_or(Full::Owner)?;
-            self.0.remove(oldest);
-        } else if self.0.len() >= MOST {
-            let oldest = self.0.iter().position(Check::is_answered).ok_or(Full::Farm)?;
-            self.0.remove(oldest);
+            if !self.checks.remove(oldest).is_answered() {
+                self.count(Outcome::Forgotten);
+            }
+        } else if self.checks.len() >= MOST {
+            let oldest = self.checks.iter().position(Check::is_answered).ok_or(Full::Farm)?;
+            self.checks.remove(oldest);
         }
-        self.0.push(Check {
+        self.checks.push(Check {
             id,
             owner: owner.to_owned(),
             spec,
@@ -132,9 +170,26 @@ impl Table {
         Ok(())
     }
 
+    fn count(&mut self, outcome: Outcome) {
+        self.ended[outcome as usize] += 1;
+    }
+
+    /// Checks in figures.
+    pub(super) fn figures(&self) -> CheckFigures {
+        let waiting = self
+            .checks
+            .iter()
+            .filter(|check| matches!(check.state, State::Waiting(_)));
+        CheckFigures {
+            waiting: waiting.count() as u64,
+            lent: self.lent().count() as u64,
+            ended: std::array::from_fn(|outcome| (OUTCOMES[outcome], self.ended[outcome])),
+        }
+    }
+
     /// Whether a worker may be needed.
     pub(super) fn has_waiting(&self) -> bool {
-        self.0.iter().any(|check| matches!(check.state, State::Waiting(_)))
+        self.checks.iter().any(|check| matches!(check.state, State::Waiting(_)))
     }
 
     /// Lends the oldest check that there is for a worker, under a nonce; a worker has one at a time.
@@ -149,7 +204,7 @@ impl Table {
         if self.lent().any(|lent| lent.worker == worker) {
             return None;
         }
-        let check = self.0.iter_mut().find(|check| check.is_for(worker, beside, now))?;
+        let check = self.checks.iter_mut().find(|check| check.is_for(worker, beside, now))?;
         check.state = State::Lent(Lent {
             worker,
             nonce,
@@ -163,12 +218,12 @@ impl Table {
     }
 
     fn lent(&self) -> impl Iterator<Item = &Lent> {
-        self.0.iter().filter_map(Check::lent)
+        self.checks.iter().filter_map(Check::lent)
     }
 
     /// The check that is lent to a worker under a token.
     fn held(&mut self, token: CheckToken, worker: WorkerId) -> Option<(&mut Check, Lent)> {
-        let check = self.0.iter_mut().find(|check| check.id == token.id)?;
+        let check = self.checks.iter_mut().find(|check| check.id == token.id)?;
         let lent = *check.lent()?;
         (lent.worker == worker && lent.nonce == token.nonce).then_some((check, lent))
     }
@@ -185,17 +240,26 @@ impl Table {
         let Some((check, lent)) = self.held(token, worker) else {
             return false;
         };
-        match answer {
+        let outcome = match answer {
             CheckAnswer::Elsewhere(reason) => check.fail(lent, reason, now),
-            answer => check.state = State::Answered(answer),
-        }
+            answer => {
+                let outcome = match &answer {
+                    CheckAnswer::Report(_) => Outcome::Report,
+                    CheckAnswer::Failure(_) => Outcome::Failure,
+                    CheckAnswer::Never(_) | CheckAnswer::Elsewhere(_) => Outcome::Unanswered,
+                };
+                check.state = State::Answered(answer);
+                Some(outcome)
+            }
+        };
+        outcome.into_iter().for_each(|outcome| self.count(outcome));
         true
     }
 
     /// A worker has gone. Replies whether it was at a check.
     pub(super) fn leave(&mut self, worker: WorkerId, now: Millis) -> bool {
         let left = self
-            .0
+            .checks
             .iter_mut()
             .find(|check| check.lent().is_some_and(|lent| lent.worker == worker));
         left.map(|check| check.state = State::Waiting(now)).is_some()
@@ -204,10 +268,17 @@ impl Table {
     /// What the clock makes happen: workers were silent or busy for too long, and what is old is forgotten. Replies whether
     /// there was any of that.
     pub(super) fn expire(&mut self, now: Millis) -> bool {
-        let before = self.0.len();
-        self.0.retain(|check| now < check.asked + AGE);
-        let mut changed = self.0.len() < before;
-        for check in &mut self.0 {
+        let mut outcomes = Vec::new();
+        let before = self.checks.len();
+        self.checks.retain(|check| {
+            let stays = now < check.asked + AGE;
+            if !stays && !check.is_answered() {
+                outcomes.push(Outcome::Forgotten);
+            }
+            stays
+        });
+        let mut changed = self.checks.len() < before;
+        for check in &mut self.checks {
             let Some(lent) = check.lent().copied() else { continue };
             let reason = if now >= lent.until {
                 format!("worker {} was lost", lent.worker)
@@ -216,15 +287,16 @@ impl Table {
             } else {
                 continue;
             };
-            check.fail(lent, reason, now);
+            outcomes.extend(check.fail(lent, reason, now));
             changed = true;
         }
+        outcomes.into_iter().for_each(|outcome| self.count(outcome));
         changed
     }
 
     /// The owner of a check, and how far it has come. Where no worker is at it, this is `why_not`, unless some have failed.
     pub(super) fn status(&self, id: CheckId, why_not: (Waiting, String)) -> Option<(&str, CheckStatus)> {
-        let check = self.0.iter().find(|check| check.id == id)?;
+        let check = self.checks.iter().find(|check| check.id == id)?;
         let mut status = CheckStatus {
             id,
             state: CheckState::Done,

@@ -205,3 +205,29 @@ fn the_farm_has_so_many_checks_and_forgets_old_ones() {
     assert!(table.status(CheckId(1), (Waiting::Turn, String::new())).is_none());
     assert_eq!(state(&table, 2), CheckState::Waiting);
 }
+
+#[test]
+fn figures_tell_what_is_open_and_how_checks_ended() {
+    let mut table = one();
+    for id in 2..=4 {
+        add(&mut table, id, "ann", 0).unwrap();
+    }
+    let token = take(&mut table, 7, 1).unwrap();
+    let figures = table.figures();
+    assert_eq!((figures.waiting, figures.lent), (3, 1));
+    assert!(table.answer(token, WorkerId(7), failure(), 2));
+    let token = take(&mut table, 7, 3).unwrap();
+    assert!(table.answer(token, WorkerId(7), CheckAnswer::Never("no memory".into()), 4));
+    // The third is given to workers in vain, and nobody takes the fourth.
+    let mut now = 5;
+    for worker in 8..8 + ATTEMPTS as u64 {
+        assert_eq!(take(&mut table, worker, now).unwrap().id, CheckId(3));
+        now += TTL;
+        assert!(table.expire(now));
+    }
+    table.expire(AGE);
+    let figures = table.figures();
+    assert_eq!((figures.waiting, figures.lent), (0, 0));
+    let ended = [("report", 0), ("failure", 1), ("unanswered", 2), ("forgotten", 1)];
+    assert_eq!(figures.ended, ended);
+}
