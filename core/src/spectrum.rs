@@ -6,7 +6,7 @@ use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Sub};
 /// Channels of a [`Spectrum`]: linear Rec. 709 (sRGB primaries, D65 white) red, green and blue.
 pub const CHANNELS: usize = 3;
 
-/// A quantity per wavelength band: radiance [W/(m^2 sr)], flux [W], reflectance, or an optical constant.
+/// A quantity per wavelength band: radiance [W/(m^2 sr)], flux \[W\], reflectance, or an optical constant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spectrum([f32; CHANNELS]);
 

@@ -186,13 +186,13 @@ impl Process {
         self.errors.lock().expect("no test panics here").clone()
     }
 
-    /// The most memory that it has used so far [bytes], where the system tells.
+    /// The most memory that it has used so far \[bytes\], where the system tells.
     #[must_use]
     pub fn peak_memory(&self) -> Option<u64> {
         self.memory("VmHWM:")
     }
 
-    /// The memory that it uses now [bytes], where the system tells.
+    /// The memory that it uses now \[bytes\], where the system tells.
     #[must_use]
     pub fn resident_memory(&self) -> Option<u64> {
         self.memory("VmRSS:")
@@ -375,13 +375,13 @@ impl Coordinator {
         process
     }
 
-    /// The most memory that it has used so far [bytes], where the system tells.
+    /// The most memory that it has used so far \[bytes\], where the system tells.
     #[must_use]
     pub fn peak_memory(&self) -> Option<u64> {
         self.process.as_ref()?.peak_memory()
     }
 
-    /// The memory that it uses now [bytes], where the system tells.
+    /// The memory that it uses now \[bytes\], where the system tells.
     #[must_use]
     pub fn resident_memory(&self) -> Option<u64> {
         self.process.as_ref()?.resident_memory()

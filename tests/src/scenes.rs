@@ -34,7 +34,7 @@ pub struct View<'a> {
     pub target: &'a str,
     /// What is up.
     pub up: &'a str,
-    /// Field of view across [degrees].
+    /// Field of view across \[degrees\].
     pub fov: f32,
     /// Pixels across and down.
     pub resolution: [u32; 2],

@@ -175,7 +175,7 @@ pub(super) fn direction_cell(code: u32, shift: u32) -> u32 {
 }
 
 /// The shift for which the height of `2^shift` quantised rows is at most the gnomonic radius of a cone of half angle `theta`
-/// [radians] about a face's centre, and more than half of it.
+/// \[radians\] about a face's centre, and more than half of it.
 pub(super) fn row_shift(sin_theta: f32) -> u32 {
     let sin = sin_theta.min(WIDE);
     let radius = sin / (1.0 - sin * sin).sqrt();

@@ -55,7 +55,7 @@ pub fn disc_height(radius: f32) -> f32 {
     1.0 / (PI * sqr(radius))
 }
 
-/// Height of the box of radius `sigma` and half angle `theta` [radians] over positions and directions:
+/// Height of the box of radius `sigma` and half angle `theta` \[radians\] over positions and directions:
 /// `1 / (pi sigma^2 2 pi (1 - cos theta))` (thesis, equation 3.6) [1 / (unit^2 sr)].
 #[must_use]
 pub fn cone_height(sigma: f32, theta: f32) -> f32 {

@@ -50,7 +50,7 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// Within `radius` [scene units] and the angle `theta` [radians]; pi: in every direction.
+    /// Within `radius` [scene units] and the angle `theta` \[radians\]; pi: in every direction.
     #[must_use]
     pub fn new(radius: f32, theta: f32) -> Self {
         Self {
@@ -93,7 +93,7 @@ pub fn radius_at(radius: f32, position: Vec3) -> f32 {
     radius.max(LEAST_RADIUS * position.abs().max_element())
 }
 
-/// Half angle below which cones of directions are not counted in [radians]: directions of records lie on a lattice of 6e-5 by 1.2e-4,
+/// Half angle below which cones of directions are not counted in \[radians\]: directions of records lie on a lattice of 6e-5 by 1.2e-4,
 /// of which a narrower cone holds so few points that their number misses its solid angle by percents.
 pub const LEAST_ANGLE: f32 = 1e-3;
 

@@ -37,7 +37,7 @@ pub fn pcf_sigma_ratio(iteration: u32, alpha: f64, p: f64, theta1: f64) -> f64 {
     }
 }
 
-/// Angular bandwidth [radians] at the spatial bandwidth `sigma_ratio` times the first one: `t(sigma) = theta_1 (sigma / sigma_1)^p`.
+/// Angular bandwidth \[radians\] at the spatial bandwidth `sigma_ratio` times the first one: `t(sigma) = theta_1 (sigma / sigma_1)^p`.
 #[must_use]
 pub fn pcf_theta(sigma_ratio: f64, p: f64, theta1: f64) -> f64 {
     theta1 * libm::pow(sigma_ratio, p)

@@ -7,25 +7,25 @@ use std::sync::LazyLock;
 /// belongs to one pixel and has weight one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Filter {
-    /// Constant within `radius` [pixels].
+    /// Constant within `radius` \[pixels\].
     Box {
-        /// Half width [pixels].
+        /// Half width \[pixels\].
         radius: f32,
     },
     /// Linear to zero at `radius`.
     Tent {
-        /// Half width [pixels].
+        /// Half width \[pixels\].
         radius: f32,
     },
     /// Gaussian of standard deviation `stddev`, cut at four of them and lowered to reach zero there, as Mitsuba's.
     Gaussian {
-        /// Standard deviation [pixels].
+        /// Standard deviation \[pixels\].
         stddev: f32,
     },
 }
 
 impl Filter {
-    /// Offset from the pixel's centre [pixels], distributed as the filter, by inversion along each axis.
+    /// Offset from the pixel's centre \[pixels\], distributed as the filter, by inversion along each axis.
     #[must_use]
     pub fn sample(&self, u: Vec2) -> Vec2 {
         match *self {
@@ -35,7 +35,7 @@ impl Filter {
         }
     }
 
-    /// The pixel that a path through the image position `at` [pixels] counts for, row by row from the top left, and its factor.
+    /// The pixel that a path through the image position `at` \[pixels\] counts for, row by row from the top left, and its factor.
     ///
     /// The filter spreads the path over pixels about it: one of them is chosen with a probability in proportion to its share, and the
     /// factor is the sum of their shares, 1 for a filter that adds up to one over the pixels. `None` beside the image.
@@ -66,7 +66,7 @@ impl Filter {
         (pixel >= 0.0 && pixel < pixels as f32).then_some((pixel as usize, sum))
     }
 
-    /// Distance beyond which the filter is zero [pixels].
+    /// Distance beyond which the filter is zero \[pixels\].
     fn radius(&self) -> f32 {
         match *self {
             Self::Box { radius } | Self::Tent { radius } => radius,

@@ -15,7 +15,7 @@ use crate::settings::IntegratorSettings;
 pub struct Bandwidth {
     /// Radius of the disc in which photons or cones count [scene units].
     pub sigma: f32,
-    /// Half angle within which cones count [radians]; pi, every direction, for photons.
+    /// Half angle within which cones count \[radians\]; pi, every direction, for photons.
     pub theta: f32,
 }
 

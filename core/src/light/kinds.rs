@@ -33,15 +33,15 @@ pub enum Light {
         /// Radiant intensity [W/sr].
         intensity: Spectrum,
     },
-    /// A spot: full intensity within `beam_width`, falling to zero at `cutoff_angle` [radians].
+    /// A spot: full intensity within `beam_width`, falling to zero at `cutoff_angle` \[radians\].
     Spot {
         /// Maps the origin to the light's place and +z to its axis.
         to_world: Transform,
         /// Radiant intensity on the axis [W/sr].
         intensity: Spectrum,
-        /// Angle from the axis beyond which there is no light [radians].
+        /// Angle from the axis beyond which there is no light \[radians\].
         cutoff_angle: f32,
-        /// Angle from the axis up to which intensity is full [radians].
+        /// Angle from the axis up to which intensity is full \[radians\].
         beam_width: f32,
         /// How it falls from there.
         falloff: Falloff,
@@ -63,7 +63,7 @@ pub enum Light {
     Projector {
         /// Maps the origin to the light's place and +z to its axis; it moves, turns and mirrors only.
         to_world: Transform,
-        /// Angle that the width of the image is seen under [radians].
+        /// Angle that the width of the image is seen under \[radians\].
         fov_x: f32,
         /// Width of the image over its height.
         aspect: f32,
@@ -101,7 +101,7 @@ pub enum Light {
     Sun {
         /// Unit direction to its middle.
         towards: Vec3,
-        /// Half the angle that it is seen under [radians], above 0 and below a right angle.
+        /// Half the angle that it is seen under \[radians\], above 0 and below a right angle.
         half_angle: f32,
         /// Irradiance on a surface that faces it [W/m^2], for a small disc: radiance times solid angle.
         irradiance: Spectrum,

@@ -17,7 +17,7 @@ const SKEWNESS: f64 = 1e-3;
 /// Share of the connections that look for what is bright beyond a portal rather than for the portal.
 const BRIGHT: f64 = 0.5;
 
-/// Solid angle [sr] below which a portal is sampled by area: the rounding of larger ones is below 1e-9.
+/// Solid angle \[sr\] below which a portal is sampled by area: the rounding of larger ones is below 1e-9.
 const SMALL: f64 = 1e-6;
 
 /// Roundings of the coordinates that lie between the two parts of the way of a light path, so that a surface in the plane of the portal
@@ -115,7 +115,7 @@ struct Seen<'a> {
     x: [f64; 2],
     y: [f64; 2],
     height: f64,
-    /// Solid angle of what lies between x = 0 and its lower end in x, negative where that end is below 0 [sr].
+    /// Solid angle of what lies between x = 0 and its lower end in x, negative where that end is below 0 \[sr\].
     before: f64,
     solid_angle: f64,
 }

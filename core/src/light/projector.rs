@@ -21,7 +21,7 @@ pub(super) struct Projector {
 }
 
 impl Projector {
-    /// `to_world` moves, turns and mirrors only; `fov_x` [radians] is the angle that the image's width is seen under, and `aspect` its
+    /// `to_world` moves, turns and mirrors only; `fov_x` \[radians\] is the angle that the image's width is seen under, and `aspect` its
     /// width over its height.
     pub(super) fn new(to_world: &Transform, fov_x: f32, aspect: f32, image: Texture, scale: f32, even: Even) -> Self {
         let half_width = tan(0.5 * fov_x);
@@ -109,7 +109,7 @@ impl Projector {
         self.shown(uv) * (PI * self.scale)
     }
 
-    /// Solid angle of the image [sr]: of a rectangle with the half sides a and b at distance 1, 4 arctan(a b / sqrt(1 + a^2 + b^2)).
+    /// Solid angle of the image \[sr\]: of a rectangle with the half sides a and b at distance 1, 4 arctan(a b / sqrt(1 + a^2 + b^2)).
     fn solid_angle(&self) -> f32 {
         let half = self.half_size;
         4.0 * atan2(half.x * half.y, (1.0 + half.length_squared()).sqrt())

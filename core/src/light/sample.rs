@@ -29,7 +29,7 @@ pub struct LightSample {
 pub struct EmissionSample {
     /// Ray away from the light, already off its surface.
     pub ray: Ray,
-    /// Flux of the path: emitted radiance times cosine over the density of origin, direction and light choice [W].
+    /// Flux of the path: emitted radiance times cosine over the density of origin, direction and light choice \[W\].
     pub flux: Spectrum,
     /// Where it starts.
     pub origin: Origin,

@@ -14,7 +14,7 @@ pub(super) struct Sun {
 }
 
 impl Sun {
-    /// `half_angle` [radians] is half of what the disc is seen under; a surface that faces it has the irradiance `irradiance` but for the
+    /// `half_angle` \[radians\] is half of what the disc is seen under; a surface that faces it has the irradiance `irradiance` but for the
     /// little that the cosine falls off over a small disc.
     pub(super) fn new(towards: Vec3, half_angle: f32, irradiance: Spectrum) -> Self {
         let cone = Cone::of_angle(half_angle);

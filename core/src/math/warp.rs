@@ -47,11 +47,11 @@ pub struct Cone {
     one_minus_cos: f32,
 }
 
-/// Angle by which rounding moves a unit vector, at most [radians].
+/// Angle by which rounding moves a unit vector, at most \[radians\].
 const ROUNDING: f32 = 4e-7;
 
 impl Cone {
-    /// The cone of half angle `theta` [radians], in (0, pi].
+    /// The cone of half angle `theta` \[radians\], in (0, pi].
     #[must_use]
     pub fn of_angle(theta: f32) -> Self {
         Self {

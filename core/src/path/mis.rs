@@ -27,7 +27,7 @@ pub(crate) struct Partial {
     /// chose its direction.
     pub(crate) edge: f32,
     /// The same of all techniques that leave more of the subpath to the other side, without the density with which the other side
-    /// chooses the direction of the edge before the vertex [sr].
+    /// chooses the direction of the edge before the vertex \[sr\].
     pub(crate) before: f32,
 }
 

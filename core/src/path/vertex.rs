@@ -15,7 +15,7 @@ use crate::spectrum::Spectrum;
 pub(crate) struct Vertex {
     pub(crate) point: SurfacePoint,
     /// What arrives: of a camera subpath, the share of the radiance that leaves along `wo` which reaches the camera; of a light
-    /// subpath, the flux along `-wo` [W], corrected for the shading normal.
+    /// subpath, the flux along `-wo` \[W\], corrected for the shading normal.
     pub(crate) beta: Spectrum,
     /// Edges of the subpath up to here.
     pub(crate) edges: u32,

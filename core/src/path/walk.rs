@@ -21,7 +21,7 @@ pub(crate) struct Walk {
     /// Of the next edge.
     pub(crate) ray: Ray,
     /// What the subpath carries along the ray: from the camera, the share of the ray's radiance that reaches it; from a light,
-    /// flux [W].
+    /// flux \[W\].
     pub(crate) beta: Spectrum,
     /// Edges that have been traced.
     pub(crate) edges: u32,

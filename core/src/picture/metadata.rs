@@ -45,7 +45,7 @@ pub struct PictureMetadata {
     pub iterations_asked: Option<u32>,
     /// Spatial bandwidth of the first and the last iteration [scene units]; none for `path`.
     pub sigma: Option<[f32; 2]>,
-    /// Angular bandwidth of the first and the last iteration [radians]; `pcf` only.
+    /// Angular bandwidth of the first and the last iteration \[radians\]; `pcf` only.
     pub theta: Option<[f32; 2]>,
     /// Mean standard error over mean luminance ([`Image::noise`](crate::film::Image::noise)); none where it is unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -81,7 +81,7 @@ impl Scene {
         seen
     }
 
-    /// The position in the picture at these shares of its sides [pixels].
+    /// The position in the picture at these shares of its sides \[pixels\].
     fn position(&self, x: f32, y: f32) -> Vec2 {
         let [width, height] = self.film.resolution.map(|n| n as f32);
         Vec2::new(x * width, y * height)

@@ -294,6 +294,6 @@ impl From<Arc<RawMesh>> for SharedMesh {
 pub(crate) enum SpectrumValue {
     /// The same at every wavelength.
     Uniform(f64),
-    /// Piecewise linear; wavelengths [nm] rise strictly, and there are at least two.
+    /// Piecewise linear; wavelengths \[nm\] rise strictly, and there are at least two.
     Sampled(Vec<(f64, f64)>),
 }

@@ -261,7 +261,7 @@ pub(crate) fn did_you_mean(name: &str, allowed: &str) -> String {
     nearest(name, allowed.split(", ")).map_or(String::new(), |name| format!(" did you mean `{name}`?"))
 }
 
-/// The longest name that is compared with others [characters].
+/// The longest name that is compared with others \[characters\].
 const LONGEST_COMPARED: usize = 64;
 
 /// The one of `allowed` that `name` may be a misspelling of: at most a third of its characters differ, in any case.

@@ -14,11 +14,11 @@ const IMAGE_SIZE: [usize; 2] = [360, 361];
 /// What a lamp sends in which direction.
 #[derive(Debug)]
 pub(super) struct Profile {
-    /// Angles from the axis, which points down from a lamp at the ceiling [degrees]; they rise.
+    /// Angles from the axis, which points down from a lamp at the ceiling \[degrees\]; they rise.
     vertical: Vec<f64>,
-    /// Angles about the axis [degrees]; they rise.
+    /// Angles about the axis \[degrees\]; they rise.
     horizontal: Vec<f64>,
-    /// Intensity [cd], by horizontal angle, then by vertical angle.
+    /// Intensity \[cd\], by horizontal angle, then by vertical angle.
     candela: Vec<f64>,
 }
 
@@ -177,7 +177,7 @@ impl Numbers {
 }
 
 impl Profile {
-    /// Intensity [cd] at the angle `vertical` from the axis and `horizontal` about it, in [0, 360) [degrees]; linear between the angles of
+    /// Intensity \[cd\] at the angle `vertical` from the axis and `horizontal` about it, in [0, 360) \[degrees\]; linear between the angles of
     /// the file, and nothing beyond its vertical angles.
     fn intensity(&self, vertical: f64, horizontal: f64) -> f64 {
         let (first, last) = (self.vertical[0], self.vertical[self.vertical.len() - 1]);
@@ -216,7 +216,7 @@ impl Profile {
         }
     }
 
-    /// The intensity [cd] as an image of latitude and longitude whose upper edge is the axis; an angle about the axis of 0 lies a quarter
+    /// The intensity \[cd\] as an image of latitude and longitude whose upper edge is the axis; an angle about the axis of 0 lies a quarter
     /// of a turn from the image's left edge.
     pub(super) fn image(&self) -> Bitmap {
         let [width, height] = IMAGE_SIZE;

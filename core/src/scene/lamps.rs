@@ -8,14 +8,14 @@ use crate::math::{PI, TAU};
 use crate::settings::IntegratorSettings;
 use crate::spectrum::Spectrum;
 
-/// The most irradiance that a lamp plausibly gives by itself [lx]: ten times that of the Sun, about 1.3e5 lx.
+/// The most irradiance that a lamp plausibly gives by itself \[lx\]: ten times that of the Sun, about 1.3e5 lx.
 const BRIGHTEST_PLAUSIBLE: f32 = 1.3e6;
-/// The solid angle below which a lamp is small [sr]: a random direction finds it once in a thousand times.
+/// The solid angle below which a lamp is small \[sr\]: a random direction finds it once in a thousand times.
 const SMALL: f32 = 4.0 * PI / 1000.0;
 
 /// What a lamp looks like from one radius of the scene away.
 struct Appearance {
-    /// Solid angle [sr]; 0 for lights without a size.
+    /// Solid angle \[sr\]; 0 for lights without a size.
     solid_angle: f32,
     /// Irradiance of a surface that faces it, in the units of the scene's lights.
     irradiance: f32,

@@ -20,7 +20,7 @@ pub struct Sensor {
     pub to_world: Transform,
     /// How points of the image become rays.
     pub projection: Projection,
-    /// Image size [pixels].
+    /// Image size \[pixels\].
     pub resolution: [u32; 2],
     /// Near and far clip distances along the optical axis [scene units].
     pub clip: [f32; 2],
@@ -31,7 +31,7 @@ pub struct Sensor {
 pub enum Projection {
     /// Rays through one point, or through a lens.
     Perspective {
-        /// Horizontal field of view [radians]: `fov_axis` has been resolved.
+        /// Horizontal field of view \[radians\]: `fov_axis` has been resolved.
         fov_x: f32,
         /// Principal point offset, in fractions of the image size.
         principal_point: Vec2,
@@ -102,7 +102,7 @@ impl SensorSample {
 pub struct Towards {
     /// Unit direction to the pinhole or the centre of the lens; against the rays of an orthographic camera.
     pub direction: Vec3,
-    /// Bound on the angle between `direction` and the directions to points of the lens [radians]; 0 without a lens, pi inside
+    /// Bound on the angle between `direction` and the directions to points of the lens \[radians\]; 0 without a lens, pi inside
     /// the sphere around it.
     pub lens_angle: f32,
 }
@@ -302,7 +302,7 @@ impl Sensor {
         }
     }
 
-    /// The image position [pixels] of camera coordinates for a half width of one.
+    /// The image position \[pixels\] of camera coordinates for a half width of one.
     fn pixel_of(&self, at: Vec2) -> Vec2 {
         let [width, height] = self.resolution.map(|n| n as f32);
         let principal_point = match self.projection {

@@ -12,7 +12,7 @@ use crate::spectrum::Spectrum;
 pub(super) struct MergePayload {
     /// Unit direction back along the path.
     pub(super) wi: Vec3,
-    /// Flux that arrives [W], corrected for the shading normal.
+    /// Flux that arrives \[W\], corrected for the shading normal.
     pub(super) flux: Spectrum,
     /// The path's sums, that of its edge times how often the edge is connected.
     pub(super) partial: Partial,

@@ -13,7 +13,7 @@ pub(super) struct CameraLobe<'a> {
 }
 
 impl<'a> CameraLobe<'a> {
-    /// Lobes as wide as the angular bandwidth `theta` [radians] and the angle under which the lens is seen. The share `defensive` of
+    /// Lobes as wide as the angular bandwidth `theta` \[radians\] and the angle under which the lens is seen. The share `defensive` of
     /// the samples goes to all directions.
     pub(super) fn new(camera: &'a Sensor, theta: f32, defensive: f32) -> Self {
         Self {

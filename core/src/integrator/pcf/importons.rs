@@ -24,7 +24,7 @@ const PROBES: usize = 256;
 /// left out (a defensive mixture: Hesterberg 1995).
 pub(super) const DEFENSIVE: f32 = 0.1;
 
-/// Widening of the lobes against the rounding of stored directions [radians].
+/// Widening of the lobes against the rounding of stored directions \[radians\].
 const ROUNDING: f32 = 1.5e-4;
 
 /// An importon, as the map keeps it.

@@ -142,7 +142,7 @@ pub struct PcfSettings {
     pub p: f32,
     /// First spatial bandwidth [scene units]; `None`: from the scene and the pixel footprint.
     pub sigma1: Option<f32>,
-    /// First angular bandwidth [degrees].
+    /// First angular bandwidth \[degrees\].
     pub theta1: f32,
     /// Camera vertex at which the cone map is read.
     pub lookup_vertex: LookupVertex,

@@ -60,7 +60,7 @@ pub(super) struct Gathered {
 struct Photon {
     /// Unit direction that it came from.
     wi: Vec3,
-    /// Corrected for the shading normal [W].
+    /// Corrected for the shading normal \[W\].
     flux: Spectrum,
     /// Edges of its light path.
     edges: u8,

@@ -109,7 +109,7 @@ fn bernstein(x: f64) -> [f64; CONTROL_POINTS] {
     std::array::from_fn(|i| binomial[i] * power(x, i) * power(y, CONTROL_POINTS - 1 - i))
 }
 
-/// Linear Rec. 709 irradiance by the sun's disc of a surface that faces it, for a sun at `elevation` [radians] in [0, pi/2] above the
+/// Linear Rec. 709 irradiance by the sun's disc of a surface that faces it, for a sun at `elevation` \[radians\] in [0, pi/2] above the
 /// horizon and a turbidity in [1, 10]. Colours out of gamut are cut off at 0.
 #[must_use]
 pub fn sun_irradiance(elevation: f64, turbidity: f64) -> [f64; CHANNELS] {

@@ -13,8 +13,8 @@ pub use hosek_wilkie::{Sky, sun_irradiance};
 pub use preetham::sun_spectrum;
 pub use sun_position::{Moment, sun_direction};
 
-/// Angle that the sun is seen under in both sun models [degrees].
+/// Angle that the sun is seen under in both sun models \[degrees\].
 pub const SUN_APERTURE: f64 = 0.5358;
 
-/// What divides integrals over the observer of the CIE, so that the constant spectrum 1 has luminance 1: the integral of y [nm].
+/// What divides integrals over the observer of the CIE, so that the constant spectrum 1 has luminance 1: the integral of y \[nm\].
 const Y_INTEGRAL: f64 = 106.750_259_399_414_06;

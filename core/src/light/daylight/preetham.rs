@@ -3,9 +3,9 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-/// The first wavelength of the table [nm].
+/// The first wavelength of the table \[nm\].
 const FIRST: f64 = 380.0;
-/// The distance between its rows [nm].
+/// The distance between its rows \[nm\].
 const STEP: f64 = 10.0;
 
 /// Radiance of the sun outside the atmosphere [W/(m^2 nm sr)], and the absorption coefficients of ozone [1/cm] and of water vapour [1/cm];
@@ -24,14 +24,14 @@ const ROWS: [[f64; 3]; 38] = [
     [18_628.9, 0.01, 0.061], [18_259.2, 0.009, 0.001],
 ];
 
-/// Ozone above the place [cm].
+/// Ozone above the place \[cm\].
 const OZONE: f64 = 0.35;
-/// Precipitable water above the place [cm].
+/// Precipitable water above the place \[cm\].
 const WATER: f64 = 2.0;
 /// Exponent of wavelength of the aerosols' scattering (Angstrom).
 const AEROSOL_EXPONENT: f64 = 1.3;
 
-/// Radiance of the sun's disc by wavelength [nm, W/(m^2 nm sr)], for a sun at `elevation` [radians] in [0, pi/2] above the horizon and a
+/// Radiance of the sun's disc by wavelength [nm, W/(m^2 nm sr)], for a sun at `elevation` \[radians\] in [0, pi/2] above the horizon and a
 /// turbidity of 1 and more.
 #[must_use]
 pub fn sun_spectrum(elevation: f64, turbidity: f64) -> Vec<(f64, f64)> {

@@ -7,11 +7,11 @@ use glam::DVec3;
 /// A place on Earth and a time there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// North of the equator [degrees].
+    /// North of the equator \[degrees\].
     pub latitude: f64,
-    /// East of Greenwich [degrees].
+    /// East of Greenwich \[degrees\].
     pub longitude: f64,
-    /// What local time is ahead of Universal Time [hours].
+    /// What local time is ahead of Universal Time \[hours\].
     pub timezone: f64,
     /// Gregorian year, month from 1 and day from 1.
     pub date: [i64; 3],

@@ -223,7 +223,7 @@ fn middle_of_window(reader: &Reader) -> Result<Moment, SceneError> {
     })
 }
 
-/// The angle that the sun is seen under [degrees], by `sun_aperture` of Mitsuba 3 or `sun_radius_scale` of 0.x; 0 is a point.
+/// The angle that the sun is seen under \[degrees\], by `sun_aperture` of Mitsuba 3 or `sun_radius_scale` of 0.x; 0 is a point.
 fn sun_aperture(reader: &Reader) -> Result<f64, SceneError> {
     let scale = reader.float_or("sun_radius_scale", 0.0..=100.0, 1.0)?;
     reader.float_or(

@@ -31,9 +31,9 @@ const SUPPORTED: [&str; 13] = [
 ];
 /// Emitters of Mitsuba that do not exist here.
 const ELSEWHERE: [&str; 2] = ["directionalarea", "volumelight"];
-/// Half the angle that a collimated beam opens by here [degrees].
+/// Half the angle that a collimated beam opens by here \[degrees\].
 const BEAM_HALF_ANGLE: f64 = 0.05;
-/// The widest `cutoff_angle` of a spot with a texture, which lies on a plane before it [degrees].
+/// The widest `cutoff_angle` of a spot with a texture, which lies on a plane before it \[degrees\].
 const WIDEST_SLIDE: f64 = 89.0;
 
 impl Builder<'_, '_> {

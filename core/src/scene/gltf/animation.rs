@@ -92,7 +92,7 @@ impl Animations {
         self.tracks.is_empty()
     }
 
-    /// The value of a node's property at `time` [s], where it is animated.
+    /// The value of a node's property at `time` \[s\], where it is animated.
     pub(super) fn at(&self, node: usize, property: Property, time: f64) -> Option<Vec<f64>> {
         self.tracks.get(&(node, property)).map(|track| track.at(time))
     }

@@ -499,7 +499,7 @@ pub(super) struct Camera {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Perspective {
-    /// Vertical field of view [radians].
+    /// Vertical field of view \[radians\].
     pub(super) yfov: f64,
     #[serde(default)]
     pub(super) aspect_ratio: Option<f64>,

@@ -10,7 +10,7 @@ use glam::{DMat4, DVec3};
 /// Moments within the shutter interval at which moving nodes are placed; between them their parts are interpolated.
 const MOMENTS: usize = 9;
 
-/// When the scene is seen [s].
+/// When the scene is seen \[s\].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Timing {
     pub(super) time: f64,

@@ -14,7 +14,7 @@ pub(super) struct Views {
     filter: Option<(String, Parameters)>,
     sampler: Option<Parameters>,
     integrator: Option<(String, Parameters)>,
-    /// The length of the film's diagonal [mm].
+    /// The length of the film's diagonal \[mm\].
     diagonal: f64,
     /// What the film multiplies light by.
     pub(super) imaging_ratio: f64,
@@ -41,7 +41,7 @@ impl Default for Views {
     }
 }
 
-/// The length of a film's diagonal by default [mm].
+/// The length of a film's diagonal by default \[mm\].
 const DIAGONAL: f64 = 35.0;
 /// The near clip distance, as small as rays can start; pbrt has none.
 const NEAR: f64 = 1e-4;
@@ -463,7 +463,7 @@ impl Reading<'_, '_> {
     }
 }
 
-/// The focal length [mm] in the name of a lens file, as in `dgauss.50mm.dat` and `dgauss.22deg.3.0mm.json`.
+/// The focal length \[mm\] in the name of a lens file, as in `dgauss.50mm.dat` and `dgauss.22deg.3.0mm.json`.
 fn focal_length(file: &str) -> Option<f64> {
     let before = &file[..file.rfind("mm")?];
     let start = |text: &str| text.trim_end_matches(|c: char| c.is_ascii_digit()).len();

@@ -16,7 +16,7 @@ pub(super) struct Revolution<F: Fn(f64) -> Profile> {
     pub(super) profile: F,
     /// Whether the profile is curved.
     pub(super) curved: bool,
-    /// How far it goes about the axis, beginning at +x towards +y [radians].
+    /// How far it goes about the axis, beginning at +x towards +y \[radians\].
     pub(super) phi_max: f64,
 }
 
@@ -42,7 +42,7 @@ impl<F: Fn(f64) -> Profile> Revolution<F> {
     }
 }
 
-/// Columns about an angle [radians] of revolution.
+/// Columns about an angle \[radians\] of revolution.
 pub(super) fn columns(phi_max: f64) -> usize {
     ((AROUND as f64 * phi_max / (2.0 * PI)).ceil() as usize).max(1)
 }

@@ -10,7 +10,7 @@ use glam::{DMat4, DVec3};
 use std::f64::consts::TAU;
 
 impl Reading<'_, '_> {
-    /// How far a shape goes about its axis [radians], at most around.
+    /// How far a shape goes about its axis \[radians\], at most around.
     fn phi_max(&self, parameters: &Parameters) -> Result<f64, SceneError> {
         Ok(parameters.positive_or("phimax", 360.0)?.min(360.0).to_radians())
     }

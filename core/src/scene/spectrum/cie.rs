@@ -1,10 +1,10 @@
 //! Tables of the CIE (publication 15): the 1931 standard observer and illuminant D65, every 5 nm from 360 to 830 nm.
 
-/// The first wavelength [nm].
+/// The first wavelength \[nm\].
 pub(super) const FIRST: f64 = 360.0;
-/// The last wavelength [nm].
+/// The last wavelength \[nm\].
 pub(super) const LAST: f64 = 830.0;
-/// The distance between rows [nm].
+/// The distance between rows \[nm\].
 pub(super) const STEP: f64 = 5.0;
 
 /// Rows of x, y, z of the 2 degree observer and the relative power of D65.

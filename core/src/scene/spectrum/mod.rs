@@ -71,7 +71,7 @@ pub(crate) fn is_of_bytes(channels: &[f64]) -> bool {
     channels.iter().all(|channel| channel.fract() == 0.0) && channels.iter().any(|channel| *channel > 1.5)
 }
 
-/// The radiance of a black body at a wavelength [nm], in [W/(m^2 sr nm)]: Planck's law.
+/// The radiance of a black body at a wavelength \[nm\], in [W/(m^2 sr nm)]: Planck's law.
 pub(crate) fn planck(nm: f64, kelvin: f64) -> f64 {
     // Speed of light [m/s], Planck's constant [J s] and Boltzmann's [J/K], exact since 2019.
     const C: f64 = 299_792_458.0;
@@ -99,7 +99,7 @@ pub(crate) fn unit_luminance(samples: &[(f64, f64)]) -> Option<[f64; 3]> {
 
 /// Samples of the integral over wavelength.
 const SAMPLES: usize = 1000;
-/// Integral of the observer's y [nm]; divides emission so that the constant spectrum 1 has luminance 1.
+/// Integral of the observer's y \[nm\]; divides emission so that the constant spectrum 1 has luminance 1.
 const Y_INTEGRAL: f64 = 106.750_259_399_414_06;
 /// Integral of D65 times y over that of y; divides D65 so that it has luminance 1.
 const D65_LUMINANCE: f64 = 98.997_417_518_762_55;

@@ -13,7 +13,7 @@ pub(super) struct Parameters {
     used: RefCell<BTreeSet<String>>,
 }
 
-/// The longest name of a parameter [characters].
+/// The longest name of a parameter \[characters\].
 pub(super) const LONGEST_NAME: usize = 64;
 
 /// Why a value cannot be filled in.

@@ -79,7 +79,7 @@ pub(super) fn is_triple(text: &str) -> bool {
     tokens(text).count() == 3 && !text.contains(':')
 }
 
-/// A temperature that a black body may have [K].
+/// A temperature that a black body may have \[K\].
 pub(super) fn temperature(kelvin: f64) -> Result<f64, String> {
     if (100.0..=1e6).contains(&kelvin) {
         return Ok(kelvin);

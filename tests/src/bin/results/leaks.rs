@@ -15,7 +15,7 @@ const SIZE: usize = 32;
 /// Pixels of a block, across and down: errors are judged block by block.
 const BLOCK: usize = 4;
 
-/// First spatial bandwidths [scene units; the room is two wide], each with its first angular one [degrees].
+/// First spatial bandwidths [scene units; the room is two wide], each with its first angular one \[degrees\].
 const BANDWIDTHS: [(f32, f32); 4] = [(0.2, 36.0), (0.1, 18.0), (0.05, 9.0), (0.025, 4.5)];
 
 /// Blocks brighter than this many times the median show the lamp, whose edge is noise and no bias.

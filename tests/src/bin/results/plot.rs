@@ -11,7 +11,7 @@ use plotters::style::register_font;
 use std::path::Path;
 use std::sync::Once;
 
-/// Size of one chart [pixels].
+/// Size of one chart \[pixels\].
 const SIZE: (u32, u32) = (640, 480);
 
 const FONT: &str = "sans-serif";

@@ -63,7 +63,7 @@ impl Column {
         }
     }
 
-    /// First kernel for the chain: radius [scene units] and half angle [degrees].
+    /// First kernel for the chain: radius [scene units] and half angle \[degrees\].
     fn kernel(self, chain: Chain) -> (f32, f32) {
         match chain {
             Chain::S | Chain::Ss => (0.06, 5.0),

@@ -33,13 +33,13 @@ pub(crate) struct Options {
     height: u32,
 }
 
-/// What an iteration is said to take [s]; it is believed to take no longer than its lease has lasted.
+/// What an iteration is said to take \[s\]; it is believed to take no longer than its lease has lasted.
 const SECONDS: f64 = 60.0;
 
 /// Images of the plain copy.
 const COPIES: u32 = 32;
 
-/// A worker waits for a lease as long, and then looks whether its job has ended [ms].
+/// A worker waits for a lease as long, and then looks whether its job has ended \[ms\].
 const SHORT_WAIT_MS: u64 = 1000;
 
 /// Times that the memory is told.

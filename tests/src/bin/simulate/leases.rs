@@ -15,7 +15,7 @@ pub(crate) struct Options {
     /// Workers at once.
     #[arg(long, default_value_t = 1000)]
     workers: u32,
-    /// How long each pretends to render a lease [ms]; 0 asks for as much as the coordinator gives.
+    /// How long each pretends to render a lease \[ms\]; 0 asks for as much as the coordinator gives.
     #[arg(long, default_value_t = 10_000)]
     render_ms: u64,
     /// Jobs of this many iterations each, of which the state is full before the measurement.
@@ -24,7 +24,7 @@ pub(crate) struct Options {
     /// How many such jobs.
     #[arg(long, default_value_t = 1)]
     jobs: u32,
-    /// How long to measure, once all workers are at work [s].
+    /// How long to measure, once all workers are at work \[s\].
     #[arg(long, default_value_t = 30)]
     seconds: u64,
 }
@@ -33,10 +33,10 @@ pub(crate) struct Options {
 /// one iteration where pretending to render takes a second or more (`--lease-seconds 1`).
 const SECONDS_PER_ITERATION: f64 = 60.0;
 
-/// The longest wait for a lease in one request [ms].
+/// The longest wait for a lease in one request \[ms\].
 const WAIT_MS: u64 = 10_000;
 
-/// Side of the images [pixels].
+/// Side of the images \[pixels\].
 const SIDE: u32 = 8;
 
 #[derive(Default)]

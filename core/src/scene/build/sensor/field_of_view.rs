@@ -4,7 +4,7 @@ use crate::scene::description::Value;
 use crate::scene::error::SceneError;
 use crate::scene::reader::Reader;
 
-/// The horizontal field of view [radians] of `fov` and `fov_axis`, or of `focal_length` on 35 mm film.
+/// The horizontal field of view \[radians\] of `fov` and `fov_axis`, or of `focal_length` on 35 mm film.
 pub(in crate::scene::build) fn horizontal_field_of_view(reader: &Reader, aspect: f64) -> Result<f64, SceneError> {
     #[derive(Clone, Copy)]
     enum Axis {
@@ -51,7 +51,7 @@ pub(in crate::scene::build) fn horizontal_field_of_view(reader: &Reader, aspect:
     Ok(fov_x)
 }
 
-/// `focal_length` [mm]: a number, or a string such as `50mm`.
+/// `focal_length` \[mm\]: a number, or a string such as `50mm`.
 fn focal_length(reader: &Reader) -> Result<Option<f64>, SceneError> {
     let Some(Value::String(text)) = reader.property("focal_length").map(|property| &property.value) else {
         return reader.float("focal_length", 0.1..=1e6);

@@ -8,7 +8,7 @@ use crate::scene::reader::Reader;
 
 /// A film: the window of an image that is rendered.
 pub(super) struct Frame {
-    /// Size of the image [pixels].
+    /// Size of the image \[pixels\].
     pub(super) whole: [u32; 2],
     /// Where the window begins.
     pub(super) offset: [u32; 2],

@@ -11,7 +11,7 @@ use crate::scene::reader::Reader;
 use crate::sensor::{Projection, Sensor};
 use glam::DMat4;
 
-/// The field of view of a radiance meter, which has one ray in Mitsuba [radians].
+/// The field of view of a radiance meter, which has one ray in Mitsuba \[radians\].
 pub(super) const METER_FOV: f32 = 1e-5;
 
 /// One ray, which starts at the meter.

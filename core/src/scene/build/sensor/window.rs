@@ -14,7 +14,7 @@ pub(super) struct ScreenWindow {
 }
 
 impl ScreenWindow {
-    /// The horizontal field of view [radians] and the principal point [share of the image] of a camera whose interval [-1, 1] is seen
+    /// The horizontal field of view \[radians\] and the principal point [share of the image] of a camera whose interval [-1, 1] is seen
     /// under `fov`.
     pub(super) fn of_perspective(self, fov: f32, [width, height]: [u32; 2]) -> (f32, Vec2) {
         let half_width = tan(0.5 * fov) * self.half_width;

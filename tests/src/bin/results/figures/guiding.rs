@@ -41,7 +41,7 @@ struct Outcome {
     variances: Vec<f64>,
     /// Of one run.
     counts: Counts,
-    /// Processor time of one run [seconds].
+    /// Processor time of one run \[seconds\].
     seconds: f64,
 }
 

@@ -8,7 +8,7 @@ use photonfarm_core::picture::ToneCurve;
 use photonfarm_core::spectrum::Spectrum;
 use std::path::Path;
 
-/// Longer side that a written picture has at least [pixels].
+/// Longer side that a written picture has at least \[pixels\].
 const SIDE: u32 = 256;
 
 /// An image: radiance of each pixel, row by row from the top left.

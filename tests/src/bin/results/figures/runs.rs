@@ -67,7 +67,7 @@ pub(super) fn average(
     Ok(sum)
 }
 
-/// Processor time that this process has used, all threads together [seconds].
+/// Processor time that this process has used, all threads together \[seconds\].
 pub(super) fn processor_seconds() -> f64 {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64

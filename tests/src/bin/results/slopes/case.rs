@@ -14,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 /// First spatial bandwidth [scene units].
 const SIGMA1: f32 = 0.6;
 
-/// First angular bandwidth [degrees].
+/// First angular bandwidth \[degrees\].
 const THETA1: f32 = 12.0;
 
 /// Height of the spot light's image above the floor [scene units].

@@ -397,7 +397,7 @@ pub(super) const CAP_ROWS: u32 = 91;
 /// Rows at the pole that are white: radiance is 1 up to 2 degrees from the axis and falls in proportion to the angle to 0 at 4 degrees.
 const WHITE_ROWS: u32 = 2;
 
-/// Radiance of the environment at `angle` from its axis [radians].
+/// Radiance of the environment at `angle` from its axis \[radians\].
 pub(super) fn cap_radiance(angle: f64) -> f64 {
     let row = angle.to_degrees() / (180.0 / f64::from(CAP_ROWS - 1));
     (f64::from(WHITE_ROWS) - row).clamp(0.0, 1.0)

@@ -246,7 +246,7 @@ fn image_of_delta_light(layout: &Layout) -> Option<f64> {
     Some(points.iter().map(density).sum::<f64>() / points.len() as f64)
 }
 
-/// Share of the cap's radiance that a kernel of half angle `theta` [radians] leaves of a ray along its axis: the mean over the cone.
+/// Share of the cap's radiance that a kernel of half angle `theta` \[radians\] leaves of a ray along its axis: the mean over the cone.
 pub(super) fn blurred_cap(theta: f64) -> f64 {
     const STEPS: u32 = 10_000;
     let rim = 1.0 - theta.cos();
