@@ -43,7 +43,7 @@ struct Options {
     /// Something that this machine has, for jobs that ask for it, such as gpu=no (repeatable).
     #[arg(long, value_name = "TAG")]
     tag: Vec<String>,
-    /// Memory that jobs may take of this machine [MiB]: none that needs more is taken; the machine's, or the limit of its
+    /// Memory that jobs may take of this machine (MiB): none that needs more is taken; the machine's, or the limit of its
     /// control group, by default.
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_MEMORY_MB)))]
     memory: Option<u32>,
