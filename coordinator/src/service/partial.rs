@@ -23,8 +23,8 @@ use tokio::sync::{OwnedMutexGuard, Semaphore, watch};
 /// Bytes of each part but the last: as many are lost if the coordinator is killed.
 const PART_BYTES: u64 = 32 << 20;
 /// Parts of unfinished uploads: of each owner, and of all.
-const MOST_OF_OWNER: u64 = 1024;
-const MOST: u64 = 4096;
+const MOST_OF_OWNER: u64 = 256;
+const MOST: u64 = 2048;
 /// How long an upload counts that nobody has gone on with: longer than its parts are kept.
 const FORGOTTEN: Duration = Duration::from_secs(26 * 3600);
 /// How long it is remembered that an upload was whole, for a sender that has lost the answer.

@@ -2,6 +2,7 @@
 
 use super::tests::{head, history};
 use super::*;
+use photonfarm_proto::job::Totals;
 use photonfarm_test_servers::Postgres;
 use std::time::{Duration, Instant};
 
