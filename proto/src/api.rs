@@ -35,6 +35,21 @@ pub struct BundleReply {
     pub missing: Vec<BlobHash>,
 }
 
+/// Name of the header that says where a part of an upload begins [bytes from the start of the file].
+pub const UPLOAD_OFFSET: &str = "upload-offset";
+
+/// Name of the header that says whether the file ends with this part of it: `?1`, or `?0` if more is to come.
+pub const UPLOAD_COMPLETE: &str = "upload-complete";
+
+/// How far the upload of a file has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UploadState {
+    /// Bytes that are kept: the upload goes on from here.
+    pub offset: u64,
+    /// The farm has the whole file from this upload.
+    pub complete: bool,
+}
+
 /// Which farm it is, and how often it was restored.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FarmIdentity {

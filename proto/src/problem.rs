@@ -53,6 +53,8 @@ pub enum ErrorCode {
     VersionMismatch,
     /// Another result for the same node was already counted: one of the two workers is broken.
     ResultConflict,
+    /// The part of a file that was sent does not begin where the kept part of it ends.
+    OffsetMismatch,
     /// The coordinator is stopping or overloaded.
     Unavailable,
     /// A fault of the coordinator, such as a full disk.
@@ -69,7 +71,12 @@ impl ErrorCode {
             Self::Forbidden | Self::Quota => 403,
             Self::NotFound | Self::NoImageYet | Self::UnknownWorker => 404,
             Self::MethodNotAllowed => 405,
-            Self::BundleIncomplete | Self::JobEnded | Self::JobGoesOn | Self::StaleLease | Self::ResultConflict => 409,
+            Self::BundleIncomplete
+            | Self::JobEnded
+            | Self::JobGoesOn
+            | Self::StaleLease
+            | Self::ResultConflict
+            | Self::OffsetMismatch => 409,
             Self::Limit => 413,
             Self::UnsupportedMediaType => 415,
             Self::RangeNotSatisfiable => 416,
@@ -106,6 +113,7 @@ impl ErrorCode {
             Self::UnknownWorker => "The worker is not registered",
             Self::VersionMismatch => "The versions do not match",
             Self::ResultConflict => "Another result was already counted",
+            Self::OffsetMismatch => "The upload goes on elsewhere",
             Self::Unavailable => "The service is not available now",
             Self::Internal => "The service failed",
         }

@@ -1,5 +1,5 @@
-//! Proxies between client and coordinator: one that refuses large bodies, as those do that stand before services, and one that cuts
-//! long answers.
+//! Proxies between client and coordinator: one that refuses large bodies, as those do that stand before services, one that cuts
+//! long answers, and one that cuts long uploads.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -90,6 +90,78 @@ fn cut(
     client.shutdown(Shutdown::Both)
 }
 
+/// A proxy that passes on so many bytes of the body of the first `PATCH`, and then cuts the connection or falls silent until the
+/// client leaves; what follows passes whole.
+#[derive(Debug)]
+pub struct UploadCutter {
+    /// Where it serves.
+    pub url: String,
+    sent: Arc<Mutex<Vec<(String, u64)>>>,
+}
+
+impl UploadCutter {
+    /// Serves for the coordinator at `url`, which begins with `http://`, as long as the process lives.
+    ///
+    /// # Panics
+    /// Where there is no port.
+    #[must_use]
+    pub fn start(url: &str, bytes: u64, silent: bool) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let own = format!("http://{}", listener.local_addr().expect("it listens"));
+        let address = url.trim_start_matches("http://").to_owned();
+        let sent = Arc::<Mutex<Vec<(String, u64)>>>::default();
+        let cutter = Self {
+            url: own,
+            sent: sent.clone(),
+        };
+        std::thread::spawn(move || {
+            for client in listener.incoming().map_while(Result::ok) {
+                let (address, sent) = (address.clone(), sent.clone());
+                std::thread::spawn(move || pass_body(client, &address, bytes, silent, &sent).ok());
+            }
+        });
+        cutter
+    }
+
+    /// The heads of the `PATCH` requests so far, with the number of bytes of their bodies that passed.
+    #[must_use]
+    pub fn sent(&self) -> Vec<(String, u64)> {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+fn pass_body(
+    mut client: TcpStream,
+    address: &str,
+    bytes: u64,
+    silent: bool,
+    sent: &Mutex<Vec<(String, u64)>>,
+) -> std::io::Result<()> {
+    let mut reader = BufReader::new(client.try_clone()?);
+    let Some((head, length)) = read_head(&mut reader)? else {
+        return Ok(());
+    };
+    let mut server = TcpStream::connect(address)?;
+    server.write_all(head.as_bytes())?;
+    let patch = head.starts_with("PATCH ");
+    let first = patch && sent.lock().unwrap_or_else(PoisonError::into_inner).is_empty();
+    let passed = length.min(if first { bytes } else { u64::MAX });
+    let passed = std::io::copy(&mut (&mut reader).take(passed), &mut server)?;
+    if patch {
+        sent.lock().unwrap_or_else(PoisonError::into_inner).push((head, passed));
+    }
+    if passed < length {
+        if silent {
+            // Until the client leaves.
+            std::io::copy(&mut reader, &mut std::io::sink()).ok();
+        }
+        server.shutdown(Shutdown::Both)?;
+    } else {
+        std::io::copy(&mut server, &mut client)?;
+    }
+    client.shutdown(Shutdown::Both)
+}
+
 /// One request and its answer; then the connection ends.
 fn pass_on(mut client: TcpStream, address: &str, limit: u64) -> std::io::Result<()> {
     let Some((head, body)) = read_request(&client)? else {
@@ -108,6 +180,16 @@ fn pass_on(mut client: TcpStream, address: &str, limit: u64) -> std::io::Result<
 /// Head and body of a request, whose connection is to end with its answer; none where there is no whole head.
 fn read_request(client: &TcpStream) -> std::io::Result<Option<(String, Vec<u8>)>> {
     let mut reader = BufReader::new(client.try_clone()?);
+    let Some((head, length)) = read_head(&mut reader)? else {
+        return Ok(None);
+    };
+    let mut body = Vec::new();
+    reader.take(length).read_to_end(&mut body)?;
+    Ok(Some((head, body)))
+}
+
+/// The head of such a request, and the length of its body.
+fn read_head(reader: &mut impl BufRead) -> std::io::Result<Option<(String, u64)>> {
     let (mut head, mut length) = (String::new(), 0);
     reader.read_line(&mut head)?;
     head += "connection: close\r\n";
@@ -121,10 +203,7 @@ fn read_request(client: &TcpStream) -> std::io::Result<Option<(String, Vec<u8>)>
         }
         head += &line;
         if line.trim().is_empty() {
-            break;
+            return Ok(Some((head, length)));
         }
     }
-    let mut body = Vec::new();
-    reader.take(length).read_to_end(&mut body)?;
-    Ok(Some((head, body)))
 }

@@ -8,7 +8,7 @@ use futures_util::{StreamExt, TryStreamExt};
 use photonfarm_core::picture;
 use photonfarm_proto::api::{
     BundleReply, EVENT_END, EVENT_STATUS, FARM, FarmFigures, Health, IDEMPOTENCY_KEY, JobLog, JobPage, Session,
-    SetPriority, WorkerList, WorkerStatus,
+    SetPriority, UPLOAD_OFFSET, UploadState, WorkerList, WorkerStatus,
 };
 use photonfarm_proto::bundle::BundleManifest;
 use photonfarm_proto::id::{BlobHash, JobId, WorkerId};
@@ -32,6 +32,8 @@ const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 pub(crate) const PATIENCE: Duration = Duration::from_secs(15 * 60);
 /// How long a connection is kept for the next request: less than a coordinator keeps it.
 const IDLE: Duration = Duration::from_secs(30);
+/// Files of so many bytes are sent in parts that are kept, so that they go on where they broke.
+const RESUMED: usize = 1 << 20;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest silence within an answer; event streams send comments more often than this.
 const READ_TIMEOUT: Duration = Duration::from_secs(60);
@@ -180,9 +182,41 @@ impl Client {
 
     /// Sends a file of a bundle, however long that takes; `told` is told of how many bytes have moved so far.
     pub(crate) async fn upload(&self, hash: BlobHash, bytes: &Bytes, told: impl Fn(u64)) -> Result<()> {
+        if bytes.len() >= RESUMED {
+            match self.append(hash, bytes, &told).await {
+                // It cannot be sent in parts there, or what was kept of it is of no use.
+                Err(error) if is_for_whole_files(&error) => {}
+                sent => return sent,
+            }
+        }
         let path = format!("blobs/{hash}");
         self.transfer(|| self.request(Method::PUT, &path), bytes, told).await?;
         Ok(())
+    }
+
+    /// Sends a file from where the farm has it, again and again. Patience begins anew with each byte that had not moved before.
+    async fn append(&self, hash: BlobHash, bytes: &Bytes, told: impl Fn(u64)) -> Result<()> {
+        let path = format!("blobs/{hash}/upload");
+        let (started, furthest) = (Cell::new(Instant::now()), Cell::new(0));
+        let send = async || {
+            let kept = self.request(Method::GET, &path).send().await?;
+            if !kept.status().is_success() || check_farm(kept.headers(), self.farm.get()).is_err() {
+                return Ok(kept);
+            }
+            let kept: UploadState = kept.json().await?;
+            let offset = kept.offset.min(bytes.len() as u64);
+            let request = self.request(Method::PATCH, &path).header(UPLOAD_OFFSET, offset);
+            let moved = |moved| {
+                if offset + moved > furthest.get() {
+                    furthest.set(offset + moved);
+                    started.set(Instant::now());
+                }
+                told(offset + moved);
+            };
+            let rest = bytes.slice(offset as usize..);
+            transfer::send(&self.uploads, request.build()?, rest, SILENCE, moved).await
+        };
+        self.repeat_since(PATIENCE, &started, send).await.map(drop)
     }
 
     /// Sends a long body.
@@ -369,19 +403,29 @@ impl Client {
         patience: Duration,
         send: impl AsyncFn() -> Result<Response, TransferError>,
     ) -> Result<Response> {
-        let (started, mut pause) = (Instant::now(), FIRST_PAUSE);
+        self.repeat_since(patience, &Cell::new(Instant::now()), send).await
+    }
+
+    /// As [`repeat`](Self::repeat); patience begins whenever `started` is set.
+    async fn repeat_since(
+        &self,
+        patience: Duration,
+        started: &Cell<Instant>,
+        send: impl AsyncFn() -> Result<Response, TransferError>,
+    ) -> Result<Response> {
+        let mut pause = FIRST_PAUSE;
         let mut told = false;
         loop {
             match judge(send().await, self.farm.get()).await {
                 Ok(response) => return Ok(response),
                 Err(Failure::Refused(error)) => return Err(error),
-                Err(Failure::Away(error)) if started.elapsed() + pause > patience => {
+                Err(Failure::Away(error)) if started.get().elapsed() + pause > patience => {
                     return Err(match error.is::<Problem>() {
                         true => error,
                         false => Unreachable(format!("{error:#}")).into(),
                     });
                 }
-                Err(Failure::Away(error)) if patience > FIRST_PATIENCE && !told && started.elapsed() > QUIET => {
+                Err(Failure::Away(error)) if patience > FIRST_PATIENCE && !told && started.get().elapsed() > QUIET => {
                     let minutes = patience.as_secs() / 60;
                     tell(format_args!("trying again for {minutes} minutes: {error:#}"));
                     told = true;
@@ -398,6 +442,18 @@ impl Client {
 fn http_time(text: &str) -> Option<SystemTime> {
     let time = chrono::DateTime::parse_from_rfc2822(text).ok()?;
     Some(UNIX_EPOCH + Duration::from_secs(time.timestamp().try_into().ok()?))
+}
+
+/// Whether a file that cannot be sent in parts may be sent as a whole.
+fn is_for_whole_files(error: &anyhow::Error) -> bool {
+    let codes = [
+        ErrorCode::NotFound,
+        ErrorCode::MethodNotAllowed,
+        ErrorCode::Limit,
+        ErrorCode::ContentMismatch,
+    ];
+    let problem = error.downcast_ref::<Problem>();
+    problem.is_some_and(|problem| codes.contains(&problem.code))
 }
 
 fn is_gone(error: &anyhow::Error) -> bool {
@@ -427,7 +483,10 @@ async fn judge(answer: Result<Response, TransferError>, farm: Option<&String>) -
         StatusCode::GATEWAY_TIMEOUT,
     ];
     match serde_json::from_str::<Problem>(&text) {
-        Ok(problem) if problem.retryable => Err(Failure::Away(problem.into())),
+        // Somebody else went on with the upload: the next request goes on from there.
+        Ok(problem) if problem.retryable || problem.code == ErrorCode::OffsetMismatch => {
+            Err(Failure::Away(problem.into()))
+        }
         Ok(problem) => Err(Failure::Refused(problem.into())),
         Err(_) if busy.contains(&status) => Err(Failure::Away(anyhow!("answered {status}"))),
         Err(_) if status == StatusCode::PAYLOAD_TOO_LARGE => Err(Failure::Refused(anyhow!(

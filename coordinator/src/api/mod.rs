@@ -73,6 +73,7 @@ impl Routes {
             "GET" => MethodFilter::GET,
             "PUT" => MethodFilter::PUT,
             "POST" => MethodFilter::POST,
+            "PATCH" => MethodFilter::PATCH,
             _ => MethodFilter::DELETE,
         };
         self.router = self.router.route(path, on(filter, handler));
@@ -91,6 +92,10 @@ impl Routes {
 
     fn post<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
         self.on("POST", path, handler)
+    }
+
+    fn patch<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
+        self.on("PATCH", path, handler)
     }
 
     fn delete<H: Handler<T, App>, T: 'static>(self, path: &'static str, handler: H) -> Self {
@@ -194,6 +199,8 @@ fn submit_routes() -> Routes {
     Routes::of(Some(&[Role::Submit]))
         .post("/v1/bundles", bundles::submit)
         .put("/v1/blobs/{hash}", bundles::upload)
+        .get("/v1/blobs/{hash}/upload", bundles::upload_state)
+        .patch("/v1/blobs/{hash}/upload", bundles::append)
         .post("/v1/checks", checks::ask)
         .get("/v1/checks/{id}", checks::status)
         .post("/v1/jobs", jobs::submit)

@@ -56,6 +56,8 @@ pub(super) async fn openapi() -> impl IntoResponse {
         super::bundles::submit,
         super::bundles::manifest,
         super::bundles::upload,
+        super::bundles::upload_state,
+        super::bundles::append,
         super::bundles::download,
         super::checks::ask,
         super::checks::status,

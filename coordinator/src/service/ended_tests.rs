@@ -74,6 +74,33 @@ async fn a_file_that_is_about_to_be_removed_is_missing() {
 }
 
 #[tokio::test]
+async fn an_upload_that_nobody_goes_on_with_is_removed_after_a_day() {
+    let world = World::new(1).await;
+    let (service, caller) = (&world.service, Caller::anyone());
+    let manifest = BundleManifest {
+        files: [("a.xml".to_owned(), FileEntry::of(b"abcdef"))].into(),
+    };
+    service.submit_bundle(manifest, &caller).await.unwrap();
+    let (file, scenes) = (BlobHash::of(b"abcdef"), world.folder.path().join("scenes"));
+    let append = async |offset, bytes| {
+        let body = stream::iter([Ok::<_, Infallible>(Bytes::from_static(bytes))]);
+        let sent = service.append_blob(file, (offset, None), false, body, &caller);
+        sent.await.unwrap().offset
+    };
+    let kept = async || service.upload_state(file, &caller).await.unwrap().offset;
+    assert_eq!(append(0, b"abc").await, 3);
+    age_by(&scenes, Duration::from_secs(80_000));
+    service.sweep().await.unwrap();
+    assert_eq!(append(kept().await, b"de").await, 5);
+    age_by(&scenes, Duration::from_secs(80_000));
+    service.sweep().await.unwrap();
+    assert_eq!(kept().await, 5, "it grew less than a day ago");
+    age_by(&scenes, Duration::from_secs(90_000));
+    service.sweep().await.unwrap();
+    assert_eq!(kept().await, 0);
+}
+
+#[tokio::test]
 async fn jobs_that_have_ended_are_deleted_once_they_are_old_or_take_too_much_room() {
     let day = 86_400_000;
     let world = World::new(2).await;

@@ -5,11 +5,13 @@
 //! again afterwards. What a crash leaves between the bytes and their row is garbage once it is old: a row must name its
 //! bytes soon after they were published, or never.
 
+use super::partial::owner_of_part;
 use super::{Service, ServiceError};
 use crate::scheduler::Farm;
 use crate::scheduler::record::{BlobName, Change, Millis};
-use photonfarm_proto::id::JobId;
+use photonfarm_proto::id::{BlobHash, JobId};
 use photonfarm_proto::problem::{ErrorCode, Problem};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::RwLockReadGuard;
@@ -93,15 +95,22 @@ impl Service {
         let before = self.clock.now().saturating_sub(SCENE_AGE.as_millis() as Millis);
         let scenes = self.stores.state.forget_bundles(before).await?;
         let named = self.stores.state.bundled_files().await?;
+        // A manifest that names what the parts of an upload have in common keeps none of them.
+        let is_named = |file: &BlobName| owner_of_part(*file).is_none() && named.contains(&file.hash);
         let mut files = 0;
-        for (file, age) in self.stores.scenes.list().await? {
-            if age < SCENE_AGE || named.contains(&file.hash) {
+        let listed = self.stores.scenes.list().await?;
+        let uploads = self.count_uploads(&listed);
+        for (file, age) in listed {
+            // An upload goes as a whole, or a slow one would lose its first parts.
+            let age = uploads.get(&file.hash).copied().unwrap_or(age);
+            if age < SCENE_AGE || is_named(&file) {
                 continue;
             }
             // Whoever names it from here on is told that it is missing, and sends it again.
             let _nobody_names = self.naming.write().await;
-            if self.stores.state.bundled_size(file.hash).await?.is_none() {
+            if owner_of_part(file).is_some() || self.stores.state.bundled_size(file.hash).await?.is_none() {
                 self.stores.scenes.remove(file).await?;
+                self.partials.release(file.hash);
                 files += 1;
             }
         }
@@ -109,6 +118,24 @@ impl Service {
             tracing::info!("removed {scenes} scenes that no job and no client had named for a day, and {files} files");
         }
         Ok(())
+    }
+
+    /// The time since each unfinished upload last grew, by what the names of its parts have in common; and counts those that
+    /// nothing was known of.
+    fn count_uploads(&self, listed: &[(BlobName, Duration)]) -> BTreeMap<BlobHash, Duration> {
+        let mut uploads: BTreeMap<BlobHash, (Duration, u32, u64)> = BTreeMap::new();
+        for (name, age) in listed {
+            if let Some(owner) = owner_of_part(*name) {
+                let (youngest, _, parts) = uploads.entry(name.hash).or_insert((*age, owner, 0));
+                *youngest = (*youngest).min(*age);
+                *parts += 1;
+            }
+        }
+        let count = |(key, (youngest, owner, parts))| {
+            self.partials.found(key, owner, parts);
+            (key, youngest)
+        };
+        uploads.into_iter().map(count).collect()
     }
 
     /// Removes old images that no row names: what a crash between bytes and row leaves.

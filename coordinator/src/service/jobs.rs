@@ -1,5 +1,6 @@
 //! Bundles and jobs as clients submit them.
 
+use super::partial::too_long;
 use super::upload::next_piece;
 use super::{Service, ServiceError};
 use crate::access::Caller;
@@ -62,18 +63,14 @@ impl Service {
         S: Stream<Item = Result<Bytes, E>> + Unpin,
         E: std::fmt::Display,
     {
-        let Some(limit) = self.stores.state.bundled_size(hash).await? else {
-            let detail = format!("no bundle names a file {hash}: send the manifest first");
-            return Err(Problem::new(ErrorCode::NotFound, detail).into());
-        };
+        let limit = self.announced_size(hash).await?;
         let known = self.stores.scenes.size(hash.into()).await?;
         let mut staged = self.stores.scenes.stage(hash.into()).await?;
         let mut received = 0;
         while let Some(piece) = next_piece(&mut body).await? {
             received += piece.len() as u64;
             if received > limit {
-                let detail = format!("the file is longer than the {limit} bytes of its manifest");
-                return Err(Problem::new(ErrorCode::ContentMismatch, detail).into());
+                return Err(too_long(limit));
             }
             staged.write_pieces(vec![piece]).await?;
         }

@@ -21,6 +21,7 @@ mod merge;
 mod nodes;
 mod noise;
 mod obstacles;
+mod partial;
 mod preview;
 mod raw;
 mod retention;
@@ -112,6 +113,7 @@ pub struct Service {
     shared: shared::Shared,
     obstacles: obstacles::Obstacles,
     missing_files: scenes::MissingFiles,
+    partials: partial::Partials,
     pub(crate) counts: counts::Counts,
     histories: history::Histories,
     log: log::Log,
@@ -168,6 +170,7 @@ impl Service {
             shared: shared::Shared::default(),
             obstacles: obstacles::Obstacles::default(),
             missing_files: scenes::MissingFiles::default(),
+            partials: partial::Partials::default(),
             counts: counts::Counts::default(),
             histories: history::Histories::default(),
             log,

@@ -1,7 +1,8 @@
 //! What is special to PostgreSQL: several users at once, tables that are not ours, and a server that goes away.
 
-use super::tests::history;
+use super::tests::{head, history};
 use super::*;
+use photonfarm_proto::job::Totals;
 use photonfarm_test_servers::Postgres;
 use std::time::{Duration, Instant};
 
@@ -182,6 +183,56 @@ async fn tables_that_are_not_as_they_should_be_are_refused() {
         Ok(_) => panic!("opened"),
     };
     assert!(away.contains("database"), "{away}");
+}
+
+/// Before the sixth version labels were in the specification of a job alone.
+#[tokio::test]
+async fn a_database_of_the_fifth_version_keeps_names_and_labels() {
+    let cluster = Postgres::shared();
+    let url = cluster.database();
+    for migration in &super::postgres_schema::MIGRATIONS[..5] {
+        cluster.execute(&url, migration);
+    }
+    let mut named = head(1, None).spec;
+    named.name = "it's a name".into();
+    named.labels = [("shot".into(), "s 07".into()), ("note".into(), "\"ü\"".into())].into();
+    let totals = serde_json::to_string(&Totals::default()).unwrap();
+    for (id, spec) in [(1, &named), (2, &head(2, None).spec)] {
+        let spec = serde_json::to_string(spec).unwrap().replace('\'', "''");
+        let insert = format!(
+            "INSERT INTO job (id, spec, owner, created_ms, state, totals) VALUES ({id}, '{spec}', 'ann', {id}, '\"running\"', '{totals}')"
+        );
+        cluster.execute(&url, &insert);
+    }
+    cluster.execute(&url, "UPDATE farm SET schema_version = 5");
+    let store = open(&url).await.unwrap();
+    let found = async |filter| {
+        let jobs = store.jobs(filter, 10).await.unwrap();
+        jobs.iter().map(|job| job.head.id.0).collect::<Vec<u64>>()
+    };
+    let labelled = |name: &str, value: Option<&str>| JobFilter {
+        labels: vec![(name.into(), value.map(str::to_owned))],
+        ..JobFilter::default()
+    };
+    let titled = |name: &str| JobFilter {
+        name: Some(name.into()),
+        ..JobFilter::default()
+    };
+    assert_eq!(found(JobFilter::default()).await, [2, 1]);
+    assert_eq!(found(labelled("shot", Some("s 07"))).await, [1]);
+    assert_eq!(found(labelled("note", Some("\"ü\""))).await, [1]);
+    assert_eq!(found(labelled("note", None)).await, [1]);
+    assert_eq!(found(labelled("shot", Some("s 08"))).await, [0; 0]);
+    assert_eq!(found(titled("it's")).await, [1]);
+    assert_eq!(
+        found(titled("scene.xml")).await,
+        [2],
+        "the file's name, where a job has no other"
+    );
+    let jobs = store.load().await.unwrap().1.jobs;
+    assert!(jobs.iter().any(|job| job.head.spec == named), "{jobs:?}");
+    store.close().await;
+    open(&url).await.expect("it is of the newest version now");
 }
 
 #[tokio::test]

@@ -86,7 +86,7 @@ const WORKS: &[Role] = &[Role::Worker];
 const RULES: &[Role] = &[];
 
 /// Whom each route is for, besides `admin`. Every route of the router must be here.
-const ROUTES: [(&str, &str, &[Role]); 53] = [
+const ROUTES: [(&str, &str, &[Role]); 55] = [
     ("GET", "/metrics", LOOKS),
     ("GET", "/v1/jobs", LOOKS),
     ("GET", "/v1/jobs/{id}", LOOKS),
@@ -109,6 +109,8 @@ const ROUTES: [(&str, &str, &[Role]); 53] = [
     ("GET", "/v1/blobs/{hash}", FETCHES),
     ("POST", "/v1/bundles", SENDS),
     ("PUT", "/v1/blobs/{hash}", SENDS),
+    ("GET", "/v1/blobs/{hash}/upload", SENDS),
+    ("PATCH", "/v1/blobs/{hash}/upload", SENDS),
     ("POST", "/v1/jobs", SENDS),
     ("DELETE", "/v1/jobs/{id}", SENDS),
     ("POST", "/v1/jobs/{id}/cancel", SENDS),

@@ -9,5 +9,6 @@ mod listing;
 mod page;
 mod steering;
 mod support;
+mod uploads;
 mod webhooks;
 mod workers;

@@ -3,7 +3,7 @@
 use crate::{command, scene};
 use photonfarm_proto::id::BlobHash;
 use photonfarm_tests::processes::{Coordinator, Process, photonfarm, printed, wait_for};
-use photonfarm_tests::proxy::{Cutter, refuse_bodies_beyond};
+use photonfarm_tests::proxy::{Cutter, UploadCutter, refuse_bodies_beyond};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -120,4 +120,72 @@ fn files_that_have_arrived_are_not_sent_again() {
     let hash = BlobHash::of(&fs::read(&scene).unwrap());
     assert_eq!(sent.len(), 1, "{sent:?}");
     assert!(sent[0].starts_with(&format!("PUT /v1/blobs/{hash} ")), "{sent:?}");
+}
+
+/// Bytes of a long scene that pass before its connection breaks.
+const SENT: u64 = 3 << 20;
+
+/// A scene of some megabytes, and its length.
+fn long_scene(folder: &Path) -> (PathBuf, u64) {
+    let text = fs::read_to_string(scene("environment.xml")).unwrap();
+    let long = folder.join("long.xml");
+    let padding = " ".repeat(1000) + "\n";
+    fs::write(&long, text + &padding.repeat(5000)).unwrap();
+    let bytes = fs::metadata(&long).unwrap().len();
+    (long, bytes)
+}
+
+fn offset(head: &str) -> u64 {
+    let after = head
+        .split("\r\nupload-offset: ")
+        .nth(1)
+        .and_then(|rest| rest.lines().next());
+    after.unwrap_or_else(|| panic!("{head}")).parse().unwrap()
+}
+
+/// How much of the file the second of two requests sent, which the first began.
+fn sent_again(first: &(String, u64), second: &(String, u64), length: u64) {
+    assert_eq!((offset(&first.0), first.1), (0, SENT));
+    let (from, sent) = (offset(&second.0), second.1);
+    assert!(from > 0 && from <= SENT, "it goes on from {from}");
+    assert_eq!(from + sent, length, "from {from}: {sent}");
+}
+
+#[test]
+fn an_upload_goes_on_where_its_connection_broke() {
+    let folder = tempfile::tempdir().unwrap();
+    let coordinator = Coordinator::start(&folder.path().join("farm"));
+    let (scene, length) = long_scene(folder.path());
+    let cutter = UploadCutter::start(&coordinator.url, SENT, false);
+    let submit = [
+        "submit",
+        text(&scene),
+        "--iterations",
+        "1",
+        "--coordinator",
+        &cutter.url,
+    ];
+    printed(&photonfarm(&submit));
+    let sent = cutter.sent();
+    let [first, second] = sent.as_slice() else {
+        panic!("{sent:?}")
+    };
+    sent_again(first, second, length);
+}
+
+#[test]
+fn an_upload_that_was_killed_goes_on_by_the_same_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let coordinator = Coordinator::start(&folder.path().join("farm"));
+    let (scene, length) = long_scene(folder.path());
+    let submit = |url: &str| ["submit", text(&scene), "--iterations", "1", "--coordinator", url].map(str::to_owned);
+    let silent = UploadCutter::start(&coordinator.url, SENT, true);
+    let killed = Process::start("photonfarm", &submit(&silent.url));
+    let first = wait_for("a part of the scene", || silent.sent().into_iter().next());
+    killed.kill();
+    let watched = UploadCutter::start(&coordinator.url, u64::MAX, false);
+    printed(&photonfarm(&submit(&watched.url)));
+    let sent = watched.sent();
+    let [second] = sent.as_slice() else { panic!("{sent:?}") };
+    sent_again(&first, second, length);
 }
