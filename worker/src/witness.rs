@@ -18,8 +18,7 @@ use photonfarm_proto::worker::{Acknowledged, FailureReport, Lease, cut_text};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read, Write};
-use std::os::unix::fs::FileExt;
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -172,8 +171,9 @@ async fn watch(file: File, end: u64, gauge: Gauge, state: Arc<LeaseState>) {
     }
 }
 
-fn note(file: &File, end: u64, (leaves_done, peak_mb): (u32, u32)) -> io::Result<()> {
-    file.write_all_at(format!("{leaves_done:10} {peak_mb:10}\n").as_bytes(), end)
+fn note(mut file: &File, end: u64, (leaves_done, peak_mb): (u32, u32)) -> io::Result<()> {
+    file.seek(SeekFrom::Start(end))?;
+    file.write_all(format!("{leaves_done:10} {peak_mb:10}\n").as_bytes())
 }
 
 /// What a process left that ended without a word.

@@ -74,10 +74,18 @@ fn age(now: SystemTime, modified: SystemTime) -> Duration {
 }
 
 /// Makes renames within a folder durable.
+#[cfg(unix)]
 fn sync_folder(path: &Path) -> Result<(), StoreError> {
     std::fs::File::open(path)
         .and_then(|folder| folder.sync_all())
         .map_err(io(path))
+}
+
+/// Folders are not opened here, and nothing else makes a rename durable.
+#[cfg(not(unix))]
+fn sync_folder(path: &Path) -> Result<(), StoreError> {
+    let advice = "a folder cannot be kept safe on this system: run the coordinator on Linux";
+    Err(io(path)(std::io::Error::new(ErrorKind::Unsupported, advice)))
 }
 
 /// Does what the file system may keep waiting.

@@ -116,6 +116,7 @@ impl fmt::Display for StatePlace {
             Self::Postgres(config) => {
                 let hosts = config.get_hosts().iter().map(|host| match host {
                     Host::Tcp(name) => name.clone(),
+                    #[cfg(unix)]
                     Host::Unix(path) => path.display().to_string(),
                 });
                 let hosts: Vec<String> = hosts.collect();

@@ -14,6 +14,7 @@ pub struct Room {
 }
 
 /// The room on the disk that a folder or a file lies on.
+#[cfg(unix)]
 pub(super) async fn room_at(path: PathBuf) -> Result<Option<Room>, StoreError> {
     let looked = in_background(move || {
         let disk = rustix::fs::statvfs(&path).map_err(|error| StoreError::Io {
@@ -27,4 +28,10 @@ pub(super) async fn room_at(path: PathBuf) -> Result<Option<Room>, StoreError> {
         }))
     });
     looked.await.map_err(|_| StoreError::Stopped)?
+}
+
+/// It cannot be told on this system.
+#[cfg(not(unix))]
+pub(super) async fn room_at(_: PathBuf) -> Result<Option<Room>, StoreError> {
+    Ok(None)
 }
