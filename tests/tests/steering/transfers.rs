@@ -29,7 +29,7 @@ fn text(path: &Path) -> &str {
 fn done(folder: &Path) -> (Coordinator, PathBuf) {
     let coordinator = Coordinator::start(&folder.join("farm"));
     let _worker = coordinator.worker();
-    let (scene, picture) = (scene("environment.xml"), folder.join("direct.exr"));
+    let (scene, picture) = (scene("coated.xml"), folder.join("direct.exr"));
     let submit = ["submit", text(&scene), "--wait", "-o", text(&picture)];
     command(&coordinator, &[&submit[..], &JOB].concat());
     let bytes = fs::metadata(&picture).unwrap().len();
@@ -127,7 +127,7 @@ const SENT: u64 = 3 << 20;
 
 /// A scene of some megabytes, and its length.
 fn long_scene(folder: &Path) -> (PathBuf, u64) {
-    let text = fs::read_to_string(scene("environment.xml")).unwrap();
+    let text = fs::read_to_string(scene("coated.xml")).unwrap();
     let long = folder.join("long.xml");
     let padding = " ".repeat(1000) + "\n";
     fs::write(&long, text + &padding.repeat(5000)).unwrap();
