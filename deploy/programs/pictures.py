@@ -41,8 +41,10 @@ def main(ours, theirs):
     (ours_said, ours_blocks), (theirs_said, theirs_blocks) = parts(ours), parts(theirs)
     assert ours_blocks and ours_said, ours
     differing = sorted(name for name in ours_said.keys() | theirs_said.keys() if ours_said.get(name) != theirs_said.get(name))
-    if ours_blocks != theirs_blocks or differing:
-        sys.exit(f"error: {ours} and {theirs} differ: {', '.join(differing) or 'pixels'}")
+    if ours_blocks != theirs_blocks:
+        differing.append("pixels")
+    if differing:
+        sys.exit(f"error: {ours} and {theirs} differ: {', '.join(differing)}")
 
 
 main(*map(pathlib.Path, sys.argv[1:]))

@@ -5,6 +5,7 @@ use crate::serve_args::ServeArgs;
 use anyhow::{Context, Result, anyhow};
 use photonfarm_coordinator::scheduler::SchedulerConfig;
 use photonfarm_coordinator::service::Keep;
+use photonfarm_coordinator::store::{BlobPlace, StatePlace};
 use photonfarm_coordinator::{Config, Coordinator, TlsFiles, WebhookConfig, WebhookSecret};
 use photonfarm_worker::Exporter;
 use std::io::ErrorKind;
@@ -65,6 +66,12 @@ async fn serve(args: ServeArgs) -> Result<()> {
     config.state = args.state.unwrap_or(config.state);
     config.blobs = args.blobs.unwrap_or(config.blobs);
     let place = format!("{} and {}", config.state, config.blobs);
+    let is_local = matches!(config.state, StatePlace::Sqlite(_)) || matches!(config.blobs, BlobPlace::Folder(_));
+    if cfg!(not(unix)) && is_local {
+        return Err(anyhow!(
+            "{place} cannot be kept safe on this system: run the coordinator on Linux"
+        ));
+    }
     let coordinator = Coordinator::start(config, listener)
         .await
         .with_context(|| format!("cannot serve {place} at {}", args.listen))?;
