@@ -125,8 +125,9 @@ async fn what_a_job_takes_is_measured_and_it_goes_to_workers_that_have_that() {
         status.waiting.unwrap(),
         "it asks for 2 MiB of memory, and the largest worker that could do it has 1 MiB: start one with at least 2 MiB"
     );
-    // Nothing is known of this one, until its first iteration arrives from a process of more than a mebibyte.
-    let job = farm.submit(b"good", 4).await;
+    // Nothing is known of this one, until its first iteration arrives from a process of more than a mebibyte. It has more iterations than
+    // the worker can have taken on until then.
+    let job = farm.submit(b"good", 256).await;
     let status = farm
         .until(job, |status| status.waiting_reason == Some(Waiting::Memory))
         .await;
@@ -139,7 +140,7 @@ async fn what_a_job_takes_is_measured_and_it_goes_to_workers_that_have_that() {
     for job in [asking, job] {
         assert_eq!(farm.until_ended(job).await.state, JobState::Done);
     }
-    farm.check_image(job, 1..=4).await;
+    farm.check_image(job, 1..=256).await;
     let figures = farm.http.get(farm.url("../metrics")).send().await.unwrap();
     let figures = figures.text().await.unwrap();
     for line in [
