@@ -77,7 +77,7 @@ pub(super) async fn upload_state(
 }
 
 /// Goes on with an upload where the kept part of it ends. What comes is kept even if the connection breaks; once the file is whole,
-/// it is held against its hash.
+/// it is held against its hash. Where the kept part ends elsewhere, the answer is 409, and says where in its detail.
 #[utoipa::path(
     patch, path = "/v1/blobs/{hash}/upload", operation_id = "append_upload",
     params(
@@ -89,7 +89,6 @@ pub(super) async fn upload_state(
     responses(
         (status = 200, body = UploadState, description = "kept; more is to come"),
         (status = 201, body = UploadState, description = "the file is whole"),
-        (status = 409, body = Problem, description = "the kept part ends elsewhere: the detail says where"),
         (status = "4XX", body = Problem)
     )
 )]

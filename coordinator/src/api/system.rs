@@ -122,7 +122,13 @@ impl Modify for EveryOperation {
             components.add_security_scheme(TOKEN, scheme);
         }
         for (path, item) in &mut document.paths.paths {
-            let operations = [&mut item.get, &mut item.put, &mut item.post, &mut item.delete];
+            let operations = [
+                &mut item.get,
+                &mut item.put,
+                &mut item.post,
+                &mut item.patch,
+                &mut item.delete,
+            ];
             let open = path.ends_with("/healthz");
             operations
                 .into_iter()
