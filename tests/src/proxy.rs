@@ -15,14 +15,19 @@ const REFUSAL: &[u8] = b"HTTP/1.1 413 Request Entity Too Large\r\ncontent-type: 
 /// Where there is no port.
 #[must_use]
 pub fn refuse_bodies_beyond(bytes: u64, url: &str) -> String {
+    serve(url, move |client, address| pass_on(client, address, bytes))
+}
+
+/// Gives each client, and the address of the coordinator at `url`, to `handle` on a thread of its own. Returns the proxy's URL.
+fn serve(url: &str, handle: impl Fn(TcpStream, &str) -> std::io::Result<()> + Send + Sync + 'static) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let own = format!("http://{}", listener.local_addr().expect("it listens"));
-    let address = url.trim_start_matches("http://").to_owned();
+    let shared = Arc::new((url.trim_start_matches("http://").to_owned(), handle));
     std::thread::spawn(move || {
         for client in listener.incoming().map_while(Result::ok) {
-            let address = address.clone();
+            let shared = shared.clone();
             // A client that leaves is no concern of the others.
-            std::thread::spawn(move || pass_on(client, &address, bytes).ok());
+            std::thread::spawn(move || (shared.1)(client, &shared.0).ok());
         }
     });
     own
@@ -44,21 +49,10 @@ impl Cutter {
     /// Where there is no port.
     #[must_use]
     pub fn start(url: &str, bytes: u64, silent: bool) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let own = format!("http://{}", listener.local_addr().expect("it listens"));
-        let address = url.trim_start_matches("http://").to_owned();
         let heads = Arc::<Mutex<Vec<String>>>::default();
-        let cutter = Self {
-            url: own,
-            heads: heads.clone(),
-        };
-        std::thread::spawn(move || {
-            for client in listener.incoming().map_while(Result::ok) {
-                let (address, heads) = (address.clone(), heads.clone());
-                std::thread::spawn(move || cut(client, &address, bytes, silent, &heads).ok());
-            }
-        });
-        cutter
+        let noted = heads.clone();
+        let url = serve(url, move |client, address| cut(client, address, bytes, silent, &noted));
+        Self { url, heads }
     }
 
     /// The heads of the requests so far.
@@ -106,21 +100,12 @@ impl UploadCutter {
     /// Where there is no port.
     #[must_use]
     pub fn start(url: &str, bytes: u64, silent: bool) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let own = format!("http://{}", listener.local_addr().expect("it listens"));
-        let address = url.trim_start_matches("http://").to_owned();
         let sent = Arc::<Mutex<Vec<(String, u64)>>>::default();
-        let cutter = Self {
-            url: own,
-            sent: sent.clone(),
-        };
-        std::thread::spawn(move || {
-            for client in listener.incoming().map_while(Result::ok) {
-                let (address, sent) = (address.clone(), sent.clone());
-                std::thread::spawn(move || pass_body(client, &address, bytes, silent, &sent).ok());
-            }
+        let noted = sent.clone();
+        let url = serve(url, move |client, address| {
+            pass_body(client, address, bytes, silent, &noted)
         });
-        cutter
+        Self { url, sent }
     }
 
     /// The heads of the `PATCH` requests so far, with the number of bytes of their bodies that passed.
