@@ -187,15 +187,13 @@ fn complete(operation: &mut Operation, path: &str, open: bool) {
 mod tests {
     use crate::access::{Gate, Tokens};
     use crate::api::router;
-    use crate::scheduler::SchedulerConfig;
-    use crate::service::{Service, Stores};
+    use crate::service::Stores;
+    use crate::service::tests::opened;
     use crate::store::faulty::{Faults, FaultyBlobs, FaultyState};
     use crate::store::memory::MemoryStore;
     use crate::store::{BlobStore, FolderStore, StateStore};
     use axum::body::Body;
     use axum::http::Request;
-    use photonfarm_proto::limits::Limits;
-    use photonfarm_proto::trace::Tracer;
     use std::sync::Arc;
     use tower::ServiceExt;
 
@@ -221,14 +219,7 @@ mod tests {
             nodes: nodes.clone(),
         };
         let calls = || state.inner.calls() + scenes.inner.calls() + nodes.inner.calls();
-        let service = Service::open(
-            Limits::default(),
-            SchedulerConfig::default(),
-            stores,
-            None,
-            Tracer::default(),
-        )
-        .await;
+        let service = opened(stores).await;
         let gate = Gate::new(Tokens::new(state.clone()), true, 1);
         let router = router(service.unwrap(), Arc::new(gate), None);
         let ask = async |path: &str| {

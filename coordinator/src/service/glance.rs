@@ -176,13 +176,11 @@ async fn known(room: impl Future<Output = Result<Option<Room>, StoreError>>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scheduler::SchedulerConfig;
     use crate::service::Stores;
+    use crate::service::tests::opened;
     use crate::store::faulty::FaultyState;
     use crate::store::memory::MemoryStore;
     use crate::store::{BlobStore, FolderStore, SqliteStore, StateStore};
-    use photonfarm_proto::limits::Limits;
-    use photonfarm_proto::trace::Tracer;
 
     async fn open(folder: &std::path::Path, state: Arc<dyn StateStore>) -> Arc<Service> {
         let blobs =
@@ -192,15 +190,7 @@ mod tests {
             scenes: blobs("scenes"),
             nodes: blobs("nodes"),
         };
-        let opened = Service::open(
-            Limits::default(),
-            SchedulerConfig::default(),
-            stores,
-            None,
-            Tracer::default(),
-        )
-        .await;
-        opened.unwrap()
+        opened(stores).await.unwrap()
     }
 
     #[tokio::test]

@@ -28,6 +28,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 use tempfile::TempDir;
 
+/// A service with the usual limits and schedule upon some stores.
+pub(crate) async fn opened(stores: Stores) -> Result<Arc<Service>, ServiceError> {
+    Service::open(
+        Limits::default(),
+        SchedulerConfig::default(),
+        stores,
+        None,
+        Tracer::default(),
+    )
+    .await
+}
+
 pub(super) struct World {
     pub(super) folder: TempDir,
     pub(super) state: Arc<MemoryStore>,
@@ -89,15 +101,7 @@ impl World {
     }
 
     pub(super) async fn with(iterations: u32, folder: TempDir, state: Arc<MemoryStore>, stores: Stores) -> Self {
-        let service = Service::open(
-            Limits::default(),
-            SchedulerConfig::default(),
-            stores,
-            None,
-            Tracer::default(),
-        )
-        .await
-        .unwrap();
+        let service = opened(stores).await.unwrap();
         let files = [("scene.xml".to_owned(), FileEntry::of(b"scene"))].into();
         let bundle = service
             .submit_bundle(BundleManifest { files }, &Caller::anyone())

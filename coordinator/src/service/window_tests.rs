@@ -1,7 +1,7 @@
 //! The windows between bytes, row and answer, one by one, on stores of every kind: what happens if something fails or
 //! takes long there, or if garbage is collected meanwhile.
 
-use super::tests::{World, age, put_and_say_so};
+use super::tests::{World, age, opened, put_and_say_so};
 use super::*;
 use crate::scheduler::Delivered;
 use crate::store::faulty::{Faults, FaultyBlobs, FaultyState, Step};
@@ -353,14 +353,7 @@ async fn what_one_coordinator_gave_up_is_not_what_another_has_counted_since() {
         let first = a.lease().await;
         a.arrive(&first).await.unwrap();
         let stores = ground.stores(&Arc::default()).await;
-        let b = Service::open(
-            Limits::default(),
-            SchedulerConfig::default(),
-            stores,
-            None,
-            Tracer::default(),
-        )
-        .await;
+        let b = opened(stores).await;
         let image = a.service.stores.state.live_images().await.unwrap()[0];
 
         let gate = faults.wait(Step::Remove);
