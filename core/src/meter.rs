@@ -3,7 +3,8 @@
 use crate::geometry::{Ray, SurfacePoint};
 use crate::math::warp::square_to_cosine_hemisphere;
 use crate::math::{DVec2, FRAC_1_PI, Frame, ONE_MINUS_EPSILON, Vec2, Vec3};
-use crate::path::Tracer;
+use crate::path::{Tracer, Way};
+use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::sensor::{SensorPdf, SensorSample};
 use crate::spectrum::Spectrum;
@@ -89,8 +90,9 @@ impl Scene {
 
 impl Tracer<'_> {
     /// What lights that no ray finds, such as point lights, send to a meter where a ray of it starts: their irradiance over pi, as the mean
-    /// of the radiance over the rays is counted. `choice` and `u` choose a light; of others the rays of the meter tell.
-    pub(crate) fn unseen_light(&mut self, start: Vec3, normal: Vec3, choice: f64, u: DVec2) -> Spectrum {
+    /// of the radiance over the rays is counted. Of other lights the rays of the meter tell.
+    pub(crate) fn unseen_light(&mut self, start: Vec3, normal: Vec3, random: &mut PathRandom) -> Spectrum {
+        let (choice, u) = (random.next_choice(), random.next_choice_2d());
         let Scene { lights, geometry, .. } = self.scene;
         let Some(light) = lights
             .sample_direct(geometry, start, choice, u)
@@ -102,11 +104,15 @@ impl Tracer<'_> {
         if cos <= 0.0 {
             return Spectrum::ZERO;
         }
-        let way = Ray {
-            origin: start,
-            direction: light.wi,
-            max_distance: light.distance,
+        let way = Way {
+            ray: Ray {
+                origin: start,
+                direction: light.wi,
+                max_distance: light.distance,
+            },
+            length: light.distance,
+            medium: self.scene.media.as_ref().and_then(|media| media.camera),
         };
-        self.transmittance(&way) * light.radiance * (cos * FRAC_1_PI / light.pdf)
+        self.transmittance(&way, random).share * light.radiance * (cos * FRAC_1_PI / light.pdf)
     }
 }

@@ -7,7 +7,7 @@ use crate::math::{DVec3, Frame, PI, TAU, Transform, Vec2, Vec3, acos, atan2};
 /// Part of the coordinates of a triangle that bounds the rounding of positions interpolated in double precision.
 const INTERPOLATION_ERROR: f32 = 1.0 / (1u64 << 44) as f32;
 /// Shadow rays end this part of the distance, and this many rounding errors of the position, before their end point.
-const SHADOW_GAP: f32 = 1e-4;
+pub(crate) const SHADOW_GAP: f32 = 1e-4;
 const SHADOW_GAP_ROUNDINGS: f32 = 64.0;
 
 /// Position, normals and texture coordinates of a point, before its frame is set up.

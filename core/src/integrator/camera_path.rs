@@ -1,9 +1,9 @@
 //! Camera paths with the light that they find by scattering and by connections with lights, of which each counts with its share.
 
-use crate::geometry::{Ray, SurfacePoint};
+use crate::geometry::Ray;
 use crate::light::Lights;
 use crate::math::{DVec2, Vec3};
-use crate::path::{AT_LIGHT, Scattered, Tracer, Vertex, Walk, power_heuristic};
+use crate::path::{AT_LIGHT, Met, Scattered, Tracer, Vertex, Walk, power_heuristic};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -41,7 +41,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
             true => Found::No,
             false => Found::InFull,
         };
-        let walk = Walk::from_camera(tracer.scene, ray);
+        let walk = Walk::from_camera(tracer.scene, ray, random);
         Self {
             tracer,
             random,
@@ -52,10 +52,10 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         }
     }
 
-    /// The vertex at the end of the edge that was traced last.
+    /// The vertex at the end of the edge that was traced last; `None` where it leaves the scene.
     #[inline(always)]
-    pub(super) fn arrive(&mut self, point: SurfacePoint) -> Vertex {
-        self.walk.arrive(self.tracer.scene, point)
+    pub(super) fn arrive(&mut self, met: &Met) -> Option<Vertex<'a>> {
+        self.walk.arrive(self.tracer.scene, met)
     }
 
     /// Traces the last edge and adds the light that it finds.
@@ -64,15 +64,28 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         self.radiance
     }
 
-    /// Traces the next edge, adds the light that it finds, and gives the point where it ends; `None` where it leaves the scene.
+    /// Traces the next edge, adds the light that it finds, and tells where it ends.
     #[inline(always)]
-    pub(super) fn trace_edge(&mut self) -> Option<SurfacePoint> {
-        let hit = self.walk.advance(self.tracer);
-        if self.walk.states & AT_LIGHT != 0 {
-            let emission = self.found.emission(self.tracer.scene, &self.walk.ray, hit.as_ref());
-            self.radiance += self.walk.beta * emission;
+    pub(super) fn trace_edge(&mut self) -> Met {
+        let mut met = self.walk.advance(self.tracer, self.random);
+        self.add_found(&met);
+        while let Some(behind) = self.walk.pass(self.tracer, &met, self.random) {
+            met = behind;
+            self.add_found(&met);
         }
-        hit
+        // No connection finds it.
+        if self.walk.states & AT_LIGHT != 0 {
+            self.radiance += self.walk.glow;
+        }
+        met
+    }
+
+    /// Adds the light of a surface, or of what surrounds the scene, that the edge has come to.
+    #[inline(always)]
+    fn add_found(&mut self, met: &Met) {
+        if self.walk.states & AT_LIGHT != 0 {
+            self.radiance += self.found.emission(self.tracer.scene, &self.walk, met);
+        }
     }
 
     /// Adds direct light at a vertex by one connection with a light. A path of as many edges as it may have is connected with none.
@@ -83,8 +96,31 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         }
         let (choice, u) = (self.random.next_choice(), self.random.next_choice_2d());
         if vertex.states.smooth & AT_LIGHT != 0 {
-            self.radiance += vertex.beta * direct_light(self.tracer, vertex, choice, u);
+            let found = self.direct_light(vertex, choice, u);
+            self.radiance += found;
         }
+    }
+
+    /// What a vertex gives to the camera by a connection with the point of a light that `choice` and `u` choose, with its share.
+    fn direct_light(&mut self, vertex: &Vertex, choice: f64, u: DVec2) -> Spectrum {
+        let Some(light) = self.tracer.sample_light(vertex, choice, u) else {
+            return Spectrum::ZERO;
+        };
+        let f = vertex.eval(light.wi);
+        if f.is_black() {
+            return f;
+        }
+        let passed = self.tracer.transmittance(&vertex.way_to(light.wi, light.distance), self.random).share;
+        if passed.is_black() {
+            return passed;
+        }
+        let found = if light.delta { 0.0 } else { vertex.pdf(light.wi) };
+        if self.tracer.scene.media.is_some() {
+            let beta = self.walk.carried.beta_of_connection(passed, found / light.pdf);
+            return beta * (f * passed * light.radiance * (vertex.cos_shading(light.wi) / light.pdf));
+        }
+        let share = if light.delta { 1.0 } else { power_heuristic(light.pdf, found) };
+        vertex.beta * (f * passed * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf))
     }
 
     /// Goes on in a direction sampled at the vertex; `None` where the path ends there. Light that the next edge finds counts beside
@@ -98,7 +134,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         self.found = match scattered.bsdf.delta {
             true => Found::InFull,
             false => Found::WithShare {
-                from: vertex.point.position,
+                from: vertex.position(),
                 pdf: scattered.bsdf.pdf,
             },
         };
@@ -112,59 +148,40 @@ impl<'t, 'a> CameraPath<'t, 'a> {
 }
 
 impl Found {
-    /// Light emitted against the ray by what it hit, or by what surrounds the scene, with its share.
-    fn emission(&self, scene: &Scene, ray: &Ray, hit: Option<&SurfacePoint>) -> Spectrum {
-        let (from, pdf) = match self {
+    /// What a path brings to the camera of the light emitted against its ray by what it met, or by what surrounds the scene, with its share.
+    fn emission(&self, scene: &Scene, walk: &Walk, met: &Met) -> Spectrum {
+        let from = match self {
             Self::No => return Spectrum::ZERO,
-            Self::InFull => (None, 1.0),
-            Self::WithShare { from, pdf } => (Some(*from), *pdf),
+            Self::InFull => None,
+            Self::WithShare { from, pdf } => Some((*from, *pdf)),
         };
         let lights = &scene.lights;
-        let Some(point) = hit else {
-            return surroundings(lights, ray, from, pdf);
+        let weighted = |radiance: Spectrum, connected: &dyn Fn(Vec3) -> f32| match from.filter(|_| !radiance.is_black()) {
+            None => walk.carried.beta() * radiance,
+            Some((from, pdf)) if scene.media.is_some() => {
+                walk.carried.beta_beside_connection(connected(from) / pdf) * radiance
+            }
+            Some((from, pdf)) => walk.carried.beta() * (radiance * power_heuristic(pdf, connected(from))),
         };
-        let Some(light) = scene.light_at(point) else {
+        let ray = &walk.ray;
+        if met.is_nothing() {
+            return surroundings(lights, ray, weighted);
+        }
+        let lamp = met.surface().and_then(|point| Some((point, scene.light_at(point)?)));
+        let Some((point, light)) = lamp else {
             return Spectrum::ZERO;
         };
         let radiance = lights.emitted(light, point, -ray.direction);
-        match from.filter(|_| !radiance.is_black()) {
-            None => radiance,
-            Some(from) => radiance * power_heuristic(pdf, lights.pdf_area(&scene.geometry, light, from, point)),
-        }
+        weighted(radiance, &|from| lights.pdf_area(&scene.geometry, light, from, point))
     }
 }
 
-/// Light that arrives along a ray that hits nothing, in full, or with its share where `from` is connected with lights and has scattered
-/// the ray with the density `pdf`.
+/// What light that arrives along a ray which hits nothing brings to the camera; `weighted` gives what radiance brings that a connection with
+/// a vertex finds with some density.
 #[inline(never)]
-fn surroundings(lights: &Lights, ray: &Ray, from: Option<Vec3>, pdf: f32) -> Spectrum {
+fn surroundings(lights: &Lights, ray: &Ray, weighted: impl Fn(Spectrum, &dyn Fn(Vec3) -> f32) -> Spectrum) -> Spectrum {
     let found = lights.beyond(ray).map(|beyond| {
-        let radiance = beyond.radiance(ray.direction);
-        match from.filter(|_| !radiance.is_black()) {
-            None => radiance,
-            Some(from) => radiance * power_heuristic(pdf, beyond.pdf_direct(from, ray.direction)),
-        }
+        weighted(beyond.radiance(ray.direction), &|from| beyond.pdf_direct(from, ray.direction))
     });
     found.sum()
-}
-
-/// Radiance towards the camera at a vertex by a connection with the point of a light that `choice` and `u` choose, with its share.
-fn direct_light(tracer: &mut Tracer, vertex: &Vertex, choice: f64, u: DVec2) -> Spectrum {
-    let Some(light) = tracer.sample_light(vertex, choice, u) else {
-        return Spectrum::ZERO;
-    };
-    let f = vertex.eval(light.wi);
-    if f.is_black() {
-        return f;
-    }
-    let transmittance = tracer.transmittance(&vertex.point.shadow_ray(light.wi, light.distance));
-    if transmittance.is_black() {
-        return transmittance;
-    }
-    let share = if light.delta {
-        1.0
-    } else {
-        power_heuristic(light.pdf, vertex.pdf(light.wi))
-    };
-    f * transmittance * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf)
 }

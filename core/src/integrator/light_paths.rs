@@ -1,8 +1,9 @@
 //! The light paths of an iteration, traced on all threads.
 
 use super::{Counts, Observer, RenderError};
+use crate::geometry::Ray;
 use crate::light::{EmissionSample, Origin};
-use crate::path::{Scattered, Tracer, Vertex, Walk};
+use crate::path::{Met, Scattered, Tracer, Vertex, Walk, Way};
 use crate::random::{PathRandom, Sequence};
 use crate::scene::Scene;
 use rayon::prelude::*;
@@ -13,7 +14,7 @@ pub(super) const CHUNK: u32 = 4096;
 
 /// A vertex of a light path.
 pub(super) struct Arrival<'b> {
-    pub(super) vertex: &'b Vertex,
+    pub(super) vertex: &'b Vertex<'b>,
     /// Index of the light path in its iteration.
     pub(super) path: u32,
     /// Where the path goes on, sampled from the BSDF.
@@ -37,25 +38,55 @@ pub(super) struct LightPaths {
 pub(super) fn start(tracer: &mut Tracer, random: &mut PathRandom) -> Option<EmissionSample> {
     let (choice, u_position, u_direction) = (random.next_choice(), random.next_choice_2d(), random.next_choice_2d());
     let Scene { lights, geometry, .. } = tracer.scene;
-    let start = lights.sample_emission(geometry, choice, u_position, u_direction);
-    let before = start.as_ref().and_then(|start| lights.way_before(start));
-    let Some(before) = before else { return start };
-    let transmittance = tracer.transmittance(&before);
-    start.filter(|_| !transmittance.is_black()).map(|start| EmissionSample {
-        flux: start.flux * transmittance,
+    let start = lights.sample_emission(geometry, choice, u_position, u_direction)?;
+    let Some(before) = before(tracer.scene, &start) else {
+        return Some(start);
+    };
+    let passed = tracer.transmittance(&before, random).share;
+    (!passed.is_black()).then(|| EmissionSample {
+        flux: start.flux * passed,
         ..start
     })
+}
+
+/// The way that the light of a path has come before its ray, back to infinity, where something may lie on it.
+fn before(scene: &Scene, start: &EmissionSample) -> Option<Way> {
+    let around = scene.media.as_ref().and_then(|media| media.around);
+    let through_medium = || {
+        let behind = Ray {
+            direction: -start.ray.direction,
+            max_distance: f32::INFINITY,
+            ..start.ray
+        };
+        (start.origin.is_infinite() && around.is_some()).then_some(behind)
+    };
+    let ray = scene.lights.way_before(start).or_else(through_medium)?;
+    Some(Way {
+        ray,
+        length: f32::INFINITY,
+        medium: around,
+    })
+}
+
+/// Traces the next edge of a light path, through all that only bounds media.
+#[inline]
+pub(super) fn advance(walk: &mut Walk, tracer: &mut Tracer, random: &mut PathRandom) -> Met {
+    let mut met = walk.advance(tracer, random);
+    while let Some(behind) = walk.pass(tracer, &met, random) {
+        met = behind;
+    }
+    met
 }
 
 impl LightPaths {
     /// Traces the paths on the current rayon pool, a chunk of [`CHUNK`] by each task; `trace` follows one from its start and puts what
     /// becomes of it into the chunk's result. Results come back in the order of paths.
-    pub(super) fn trace_with<T: Default + Send>(
+    pub(super) fn trace_with<'s, T: Default + Send>(
         &self,
-        scene: &Scene,
+        scene: &'s Scene,
         observer: &dyn Observer,
         counts: &mut Counts,
-        trace: impl Fn(&mut Tracer, u32, Option<EmissionSample>, &mut PathRandom, &mut T) + Sync,
+        trace: impl Fn(&mut Tracer<'s>, u32, Option<EmissionSample>, &mut PathRandom, &mut T) + Sync,
     ) -> Result<Vec<T>, RenderError> {
         let count = self.range.len() as u32;
         let chunks: Vec<(T, u64)> = (0..count.div_ceil(CHUNK))
@@ -94,16 +125,16 @@ impl LightPaths {
             counts,
             |tracer, path, start, random, records: &mut Vec<R>| {
                 let Some(start) = start else { return };
-                let mut walk = Walk::from_light(scene, &start);
+                let mut walk = Walk::from_light(scene, &start, random);
                 while walk.edges < self.max_edges {
-                    let Some(point) = walk.advance(tracer) else { return };
-                    let vertex = walk.arrive(scene, point);
+                    let met = advance(&mut walk, tracer, random);
+                    let Some(vertex) = walk.arrive(scene, &met) else { return };
                     let scattered = vertex.sample(random);
                     let arrival = Arrival {
                         vertex: &vertex,
                         path,
                         scattered: scattered.as_ref(),
-                        is_found_alone: vertex.edges == 1 && matches!(start.origin, Origin::Normals),
+                        is_found_alone: vertex.edges == 1 && matches!(start.origin, Origin::Normals(_)),
                     };
                     store(&arrival, records);
                     if !scattered.is_some_and(|scattered| walk.go_on(&vertex, &scattered, random)) {

@@ -465,8 +465,7 @@ fn trace_pixels<'a, T: Send>(
                     if let Some(normal) = camera.normal
                         && has_unseen_lights
                     {
-                        let (choice, u) = (random.next_choice(), random.next_choice_2d());
-                        *sum += tracer.unseen_light(camera.ray.origin, normal, choice, u);
+                        *sum += tracer.unseen_light(camera.ray.origin, normal, &mut random);
                     }
                     let sample = Sample {
                         tracer: &mut tracer,

@@ -281,7 +281,7 @@ impl Lights {
         let at_point = |ray, flux, pdf_direction| EmissionSample {
             ray,
             flux: flux / probability,
-            origin: Origin::Point,
+            origin: Origin::Point(LightId(index as u32)),
             pdf_position: probability,
             pdf_direction,
         };
@@ -303,7 +303,7 @@ impl Lights {
                 EmissionSample {
                     ray: point.ray_towards(point.geometric_normal),
                     flux: area.radiance.eval(&(&point).into()) * (area.emitting() / probability),
-                    origin: Origin::Normals,
+                    origin: Origin::Normals(LightId(index as u32)),
                     pdf_position: probability / area.emitting(),
                     pdf_direction: 1.0,
                 }
@@ -381,12 +381,12 @@ impl Lights {
                 let facing = point.geometric_normal.dot(offset).max(0.0) / distance2.sqrt();
                 self.pdf_area(geometry, *light, from, point) * facing / (distance2 * start.pdf_position)
             }
-            Origin::Normals => 0.0,
+            Origin::Normals(_) => 0.0,
             Origin::Portal(light) => match &self.sources[light.0 as usize] {
                 Source::Portal(opening) => opening.connection_over_emission(from, -start.ray.direction),
                 _ => 0.0,
             },
-            Origin::Point | Origin::Directional | Origin::Background => 1.0,
+            Origin::Point(_) | Origin::Directional | Origin::Background => 1.0,
         }
     }
 
@@ -404,6 +404,21 @@ impl Lights {
     #[must_use]
     pub(crate) fn pdf_through_scene(&self) -> f32 {
         1.0 / self.world.cross_section()
+    }
+
+    /// A place at which light leaves the light of this index; `None` of one at infinity.
+    pub(crate) fn a_place(&self, geometry: &Geometry, index: usize) -> Option<Vec3> {
+        match &self.sources[index] {
+            Source::Area(area) | Source::Normals(area) => {
+                let point = area.sample(geometry, DVec2::splat(0.25))?;
+                Some(point.ray_towards(point.geometric_normal).origin)
+            }
+            Source::Point { position, .. } => Some(*position),
+            Source::Spot(spot) => Some(spot.position()),
+            Source::Projector(projector) => Some(projector.position()),
+            Source::Goniometric(lamp) => Some(lamp.position()),
+            Source::Directional { .. } | Source::Background(_) | Source::Portal(_) => None,
+        }
     }
 
     /// The lights that fill directions at infinity, each with its index.

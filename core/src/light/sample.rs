@@ -47,9 +47,9 @@ pub enum Origin {
     /// On an area light.
     Area(LightId, SurfacePoint),
     /// On a shape that emits along its normals: nothing but light paths finds it.
-    Normals,
+    Normals(LightId),
     /// At a point: a point light, a spot, a projector or a goniometric light.
-    Point,
+    Point(LightId),
     /// At infinity, in one direction.
     Directional,
     /// At infinity, in any direction.

@@ -186,8 +186,8 @@ pub struct BsdfSample {
 }
 
 impl BsdfSample {
-    /// Of a lobe that is no delta function, by which the light stays on its side of any boundary or passes a sheet.
-    pub(super) fn scattered(wi: Vec3, f: Spectrum, pdf: f32) -> Self {
+    /// Of a lobe that is no delta function, by which the light stays on its side of any boundary or passes a sheet, and of a medium.
+    pub(crate) fn scattered(wi: Vec3, f: Spectrum, pdf: f32) -> Self {
         Self {
             wi,
             f,

@@ -1,6 +1,6 @@
 //! Path expressions: which of all paths count, by what happens along them (Heckbert 1990), such as `L S+ D E` for caustics.
 //!
-//! A path is a word from the light to the camera: `L`, a letter for each surface that it scatters at, `E`. An expression is a regular
+//! A path is a word from the light to the camera: `L`, a letter for each surface, or place in a medium, that it scatters at, `E`. An expression is a regular
 //! expression of such words. It is turned into the automaton whose states are the letters of the expression (Glushkov 1961): a set of
 //! states is a byte, and a step along a path is a look into a table. A path from a light knows in which states it can be
 //! after what has happened so far; one from the camera, in which states the rest must be, so that the word ends well. Where the two meet the word is
@@ -28,19 +28,26 @@ pub(crate) enum Event {
     Specular,
     /// `G`: a lobe too glossy for a density estimate.
     Glossy,
-    /// `D`: any other lobe.
+    /// `D`: any other lobe of a surface.
     Diffuse,
+    /// `V`: a medium.
+    Volume,
 }
 
-const EVENTS: [(char, Event); 3] = [('S', Event::Specular), ('G', Event::Glossy), ('D', Event::Diffuse)];
+const EVENTS: [(char, Event); 4] = [
+    ('S', Event::Specular),
+    ('G', Event::Glossy),
+    ('D', Event::Diffuse),
+    ('V', Event::Volume),
+];
 
 /// A set of paths.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct PathExpression {
     /// For each event and each state, the states after the event.
-    next: [[States; States::BITS as usize]; 3],
+    next: [[States; States::BITS as usize]; EVENTS.len()],
     /// For each event and each state after it, the states before.
-    previous: [[States; States::BITS as usize]; 3],
+    previous: [[States; States::BITS as usize]; EVENTS.len()],
     /// The states before `E`.
     last: States,
 }
@@ -112,7 +119,7 @@ impl FromStr for PathExpression {
         let middle = parser.choice()?;
         parser.expect(
             'E',
-            "expected `S`, `G`, `D`, `.`, `[`, `(`, or `E`, the camera, at the end",
+            "expected `S`, `G`, `D`, `V`, `.`, `[`, `(`, or `E`, the camera, at the end",
         )?;
         if parser.at < parser.text.len() {
             return Err(parser.error("nothing follows `E`, the camera"));

@@ -67,10 +67,11 @@ impl Partial {
     }
 
     /// At the next vertex, which faces the direction with cosine `cos`: densities by solid angle become densities by area at the squared
-    /// distance `distance2`, which is 1 for parallel rays.
-    pub(crate) fn arrived(self, distance2: f32, cos: f32) -> Self {
+    /// distance `distance2`, which is 1 for parallel rays. The edge came through media with the probability `passed`, which a connection
+    /// does without. (In a medium, densities are by volume, and the extinction that turns them into such is left out of all of them.)
+    pub(crate) fn arrived(self, distance2: f32, cos: f32, passed: f32) -> Self {
         Self {
-            edge: self.edge * distance2 / cos,
+            edge: self.edge * distance2 / (cos * passed),
             before: self.before / cos,
         }
     }

@@ -1,11 +1,32 @@
 //! The rays of paths.
 
-use super::Vertex;
+use super::{Vertex, Way};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::LightSample;
 use crate::math::DVec2;
+use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
+
+/// What comes through along a way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Passed {
+    /// An estimate of the share of light.
+    pub(crate) share: Spectrum,
+    /// What stands for the share where techniques are weighed: a function of the way alone.
+    pub(crate) expected: f32,
+}
+
+impl Passed {
+    pub(crate) const ALL: Self = Self {
+        share: Spectrum::ONE,
+        expected: 1.0,
+    };
+    const NOTHING: Self = Self {
+        share: Spectrum::ZERO,
+        expected: 0.0,
+    };
+}
 
 /// Rays into the scene, counted.
 pub(crate) struct Tracer<'a> {
@@ -43,23 +64,64 @@ impl<'a> Tracer<'a> {
         Some(point)
     }
 
-    /// As [`Self::transmittance`], of a ray that ends at the camera.
-    pub(crate) fn transmittance_to_camera(&mut self, ray: &Ray) -> Spectrum {
-        if !self.scene.hide_emitters {
-            return self.transmittance(ray);
-        }
-        match self.intersect_from_camera(ray) {
-            Some(_) => Spectrum::ZERO,
-            None => Spectrum::ONE,
+    /// As [`Self::transmittance`], of a way that ends at the camera.
+    pub(crate) fn transmittance_to_camera(&mut self, way: &Way, random: &mut PathRandom) -> Passed {
+        let hides = self.scene.hide_emitters;
+        match (&self.scene.media, hides) {
+            (None, false) => self.transmittance(way, random),
+            (None, true) => match self.intersect_from_camera(&way.ray) {
+                Some(_) => Passed::NOTHING,
+                None => Passed::ALL,
+            },
+            (Some(_), _) => self.pass(way, hides, random),
         }
     }
 
-    /// Share of the light along a ray that reaches its end: all or nothing, since every surface hides what is behind it.
-    pub(crate) fn transmittance(&mut self, ray: &Ray) -> Spectrum {
+    /// What comes through along a way. Every surface hides what is behind it, but for those that do nothing but bound media.
+    #[inline]
+    pub(crate) fn transmittance(&mut self, way: &Way, random: &mut PathRandom) -> Passed {
+        if self.scene.media.is_some() {
+            return self.pass(way, false, random);
+        }
         self.rays += 1;
-        match self.scene.geometry.occluded(ray) {
-            true => Spectrum::ZERO,
-            false => Spectrum::ONE,
+        match self.scene.geometry.occluded(&way.ray) {
+            true => Passed::NOTHING,
+            false => Passed::ALL,
+        }
+    }
+
+    /// What comes through media along a way, and through their bounds; also through the shapes of lights where these are hidden.
+    fn pass(&mut self, way: &Way, hide_emitters: bool, random: &mut PathRandom) -> Passed {
+        let Way {
+            mut ray,
+            mut length,
+            mut medium,
+        } = *way;
+        let mut passed = Passed::ALL;
+        loop {
+            let hit = self.intersect(&ray);
+            let end = hit.as_ref().map_or(length, |point| point.distance);
+            let opaque = hit.as_ref().filter(|point| {
+                let hidden = hide_emitters && self.scene.light_at(point).is_some();
+                !hidden && !self.scene.is_passed(point)
+            });
+            if opaque.is_some() {
+                return Passed::NOTHING;
+            }
+            if let Some((_, medium)) = self.scene.medium(medium) {
+                passed.share *= medium.transmittance(&ray, end, random);
+                passed.expected *= medium.expected_transmittance(end);
+                if passed.share.is_black() {
+                    return Passed::NOTHING;
+                }
+            }
+            let Some(point) = hit else { return passed };
+            medium = self.scene.media_about(&point, medium).towards(ray.direction, point.geometric_normal);
+            length -= point.distance;
+            ray = Ray {
+                max_distance: ray.max_distance - point.distance,
+                ..point.ray_towards(ray.direction)
+            };
         }
     }
 
@@ -68,6 +130,6 @@ impl<'a> Tracer<'a> {
     #[inline]
     pub(crate) fn sample_light(&self, vertex: &Vertex, choice: f64, u: DVec2) -> Option<LightSample> {
         let Scene { lights, geometry, .. } = self.scene;
-        lights.sample_direct(geometry, vertex.point.position, choice, u)
+        lights.sample_direct(geometry, vertex.position(), choice, u)
     }
 }

@@ -1,31 +1,60 @@
-//! Vertices on surfaces.
+//! Vertices on surfaces and in media.
 
 use super::expression::{ANY, Event, PathExpression, States};
 use crate::density::Cone;
-use crate::geometry::SurfacePoint;
+use crate::geometry::{Ray, SHADOW_GAP, SurfacePoint};
 use crate::integrator::GLOSSY_ROUGHNESS;
 use crate::material::{Bsdf, BsdfSample, Tangents, TransportMode};
 use crate::math::Vec3;
+use crate::medium::{Boundary, MediumId, Phase};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 
-/// A vertex of a subpath on a surface, with the interface of its BSDF in world space.
+/// A vertex of a subpath on a surface or in a medium, with the interface of its BSDF, or phase function, in world space.
+///
+/// In a medium there is no normal: every cosine with it counts as 1.
 #[derive(Clone)]
-pub(crate) struct Vertex {
-    pub(crate) point: SurfacePoint,
+pub(crate) struct Vertex<'s> {
+    site: Site<'s>,
     /// What arrives: of a camera subpath, the share of the radiance that leaves along `wo` which reaches the camera; of a light
     /// subpath, the flux along `-wo` \[W\], corrected for the shading normal.
     pub(crate) beta: Spectrum,
     /// Edges of the subpath up to here.
     pub(crate) edges: u32,
-    /// The material at the point, its textures looked up.
-    bsdf: Bsdf,
     /// Unit direction back along the subpath.
     pub(crate) wo: Vec3,
-    wo_local: Vec3,
     mode: TransportMode,
     pub(crate) states: VertexStates,
+    /// What lies on the two sides of the surface, or the one medium on both.
+    media: Boundary,
+}
+
+/// Where a vertex lies, and what scatters there.
+#[derive(Clone)]
+#[expect(clippy::large_enum_variant, reason = "a box would be an allocation for every vertex")]
+enum Site<'s> {
+    Surface {
+        point: SurfacePoint,
+        /// The material at the point, its textures looked up.
+        bsdf: Bsdf,
+        wo_local: Vec3,
+    },
+    Medium {
+        position: Vec3,
+        phase: &'s Phase,
+    },
+}
+
+/// A straight way from a vertex, along which light may come.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Way {
+    /// Ends just before what the way leads to.
+    pub(crate) ray: Ray,
+    /// To the end [scene units].
+    pub(crate) length: f32,
+    /// The medium that the way begins in.
+    pub(crate) medium: Option<MediumId>,
 }
 
 /// Where a subpath is among the words of a scene's [`PathExpression`], at a vertex: all sets hold every state where all paths count.
@@ -45,6 +74,21 @@ impl VertexStates {
         smooth: ANY,
         delta: ANY,
     };
+}
+
+impl Way {
+    /// The way to what lies at `length` along it.
+    pub(crate) fn up_to(self, length: f32) -> Self {
+        let max_distance = length * (1.0 - SHADOW_GAP);
+        Self {
+            ray: Ray {
+                max_distance,
+                ..self.ray
+            },
+            length,
+            ..self
+        }
+    }
 }
 
 /// A direction in which a vertex is connected or merged, delta lobes left out.
@@ -73,7 +117,7 @@ impl Scattered {
     }
 }
 
-impl Vertex {
+impl<'s> Vertex<'s> {
     /// The first vertex of a subpath that comes along `-wo` and carries 1.
     #[inline(always)]
     pub(crate) fn new(scene: &Scene, point: SurfacePoint, wo: Vec3, mode: TransportMode) -> Self {
@@ -87,22 +131,89 @@ impl Vertex {
         };
         let bsdf = scene.material(&point).resolve_on(&(&point).into(), wo_local, &tangents);
         Self {
-            point,
+            site: Site::Surface { point, bsdf, wo_local },
             beta: Spectrum::ONE,
             edges: 1,
-            bsdf,
             wo,
-            wo_local,
             mode,
             states: VertexStates::ANY,
+            media: Boundary::NOTHING,
+        }
+    }
+
+    /// As [`Self::new`], in the medium `id`, which scatters by `phase`.
+    pub(super) fn in_medium(position: Vec3, id: MediumId, phase: &'s Phase, wo: Vec3, mode: TransportMode) -> Self {
+        Self {
+            site: Site::Medium { position, phase },
+            beta: Spectrum::ONE,
+            edges: 1,
+            wo,
+            mode,
+            states: VertexStates::ANY,
+            media: Boundary::within(Some(id)),
+        }
+    }
+
+    /// Says what lies on the sides of the vertex's surface.
+    pub(super) fn between(&mut self, media: Boundary) {
+        self.media = media;
+    }
+
+    /// The point of the surface that the vertex lies on; `None` in a medium.
+    pub(crate) fn surface(&self) -> Option<&SurfacePoint> {
+        match &self.site {
+            Site::Surface { point, .. } => Some(point),
+            Site::Medium { .. } => None,
+        }
+    }
+
+    /// [scene units].
+    pub(crate) fn position(&self) -> Vec3 {
+        match &self.site {
+            Site::Surface { point, .. } => point.position,
+            Site::Medium { position, .. } => *position,
+        }
+    }
+
+    /// The medium into which `direction` leads.
+    pub(crate) fn medium_towards(&self, direction: Vec3) -> Option<MediumId> {
+        match &self.site {
+            Site::Surface { point, .. } => self.media.towards(direction, point.geometric_normal),
+            Site::Medium { .. } => self.media.exterior,
+        }
+    }
+
+    /// A ray that leaves the vertex.
+    pub(super) fn ray_towards(&self, direction: Vec3) -> Ray {
+        match &self.site {
+            Site::Surface { point, .. } => point.ray_towards(direction),
+            Site::Medium { position, .. } => Ray {
+                origin: *position,
+                direction,
+                max_distance: f32::INFINITY,
+            },
+        }
+    }
+
+    /// The way to what lies at `length` along the unit vector `direction`.
+    pub(crate) fn way_to(&self, direction: Vec3, length: f32) -> Way {
+        let way = |ray| Way {
+            ray,
+            length,
+            medium: self.medium_towards(direction),
+        };
+        match &self.site {
+            Site::Surface { point, .. } => way(point.shadow_ray(direction, length)),
+            Site::Medium { .. } => way(self.ray_towards(direction)).up_to(length),
         }
     }
 
     /// Notes where the subpath is among the words of an expression.
     pub(super) fn note(&mut self, paths: &PathExpression, arrived: States) {
-        let smooth = match self.is_glossier_than(GLOSSY_ROUGHNESS) {
-            true => Event::Glossy,
-            false => Event::Diffuse,
+        let smooth = match self.site {
+            Site::Medium { .. } => Event::Volume,
+            Site::Surface { .. } if self.is_glossier_than(GLOSSY_ROUGHNESS) => Event::Glossy,
+            Site::Surface { .. } => Event::Diffuse,
         };
         let step = |event| match self.mode {
             TransportMode::Radiance => paths.before(arrived, event),
@@ -117,80 +228,130 @@ impl Vertex {
 
     /// f(wo, wi) [1/sr], delta lobes left out.
     pub(crate) fn eval(&self, wi: Vec3) -> Spectrum {
-        self.bsdf.f(self.wo_local, self.point.frame.to_local(wi), self.mode)
+        match &self.site {
+            Site::Surface { point, bsdf, wo_local } => bsdf.f(*wo_local, point.frame.to_local(wi), self.mode),
+            Site::Medium { phase, .. } => Spectrum::splat(phase.pdf(self.wo, wi)),
+        }
     }
 
     /// Solid-angle density [1/sr] of [`Self::sample`], delta lobes left out.
     pub(crate) fn pdf(&self, wi: Vec3) -> f32 {
-        self.bsdf.pdf(self.wo_local, self.point.frame.to_local(wi))
+        match &self.site {
+            Site::Surface { point, bsdf, wo_local } => bsdf.pdf(*wo_local, point.frame.to_local(wi)),
+            Site::Medium { phase, .. } => phase.pdf(self.wo, wi),
+        }
     }
 
     /// f and both densities of a direction at once.
     pub(crate) fn towards(&self, wi: Vec3) -> Towards {
-        let wi = self.point.frame.to_local(wi);
-        Towards {
-            f: self.bsdf.f(self.wo_local, wi, self.mode),
-            pdf: self.bsdf.pdf(self.wo_local, wi),
-            pdf_rev: self.bsdf.pdf(wi, self.wo_local),
+        match &self.site {
+            Site::Surface { point, bsdf, wo_local } => {
+                let wi = point.frame.to_local(wi);
+                Towards {
+                    f: bsdf.f(*wo_local, wi, self.mode),
+                    pdf: bsdf.pdf(*wo_local, wi),
+                    pdf_rev: bsdf.pdf(wi, *wo_local),
+                }
+            }
+            Site::Medium { phase, .. } => {
+                let pdf = phase.pdf(self.wo, wi);
+                Towards {
+                    f: Spectrum::splat(pdf),
+                    pdf,
+                    pdf_rev: pdf,
+                }
+            }
         }
     }
 
     /// The density with which the way back of a direction sampled here would have been sampled [1/sr]; where a delta function chose
     /// it, in units of the density of the way ([`Bsdf::pdf_rev`]).
     pub(crate) fn pdf_rev_of(&self, scattered: &Scattered) -> f32 {
-        self.bsdf.pdf_rev(self.wo_local, &scattered.bsdf)
+        match &self.site {
+            Site::Surface { bsdf, wo_local, .. } => bsdf.pdf_rev(*wo_local, &scattered.bsdf),
+            Site::Medium { .. } => scattered.bsdf.pdf,
+        }
     }
 
     /// Samples a direction; three dimensions.
     pub(crate) fn sample(&self, random: &mut PathRandom) -> Option<Scattered> {
-        let lobe = random.next_1d();
-        let bsdf = self.bsdf.sample(self.wo_local, lobe, random.next_2d(), self.mode)?;
-        Some(Scattered {
-            wi: self.point.frame.to_world(bsdf.wi),
-            cos_shading: bsdf.wi.z.abs(),
-            bsdf,
-        })
+        let choice = random.next_1d();
+        match &self.site {
+            Site::Surface { point, bsdf, wo_local } => {
+                let bsdf = bsdf.sample(*wo_local, choice, random.next_2d(), self.mode)?;
+                Some(Scattered {
+                    wi: point.frame.to_world(bsdf.wi),
+                    cos_shading: bsdf.wi.z.abs(),
+                    bsdf,
+                })
+            }
+            Site::Medium { phase, .. } => {
+                let wi = phase.sample(self.wo, choice, random.next_2d());
+                let pdf = phase.pdf(self.wo, wi);
+                (pdf > 0.0).then(|| Scattered {
+                    wi,
+                    cos_shading: 1.0,
+                    bsdf: BsdfSample::scattered(wi, Spectrum::splat(pdf), pdf),
+                })
+            }
+        }
     }
 
     /// Whether every lobe is a delta function of direction.
     pub(crate) fn is_delta(&self) -> bool {
-        !self.bsdf.has_smooth()
+        match &self.site {
+            Site::Surface { bsdf, .. } => !bsdf.has_smooth(),
+            Site::Medium { .. } => false,
+        }
     }
 
     /// Whether some lobe is a delta function of direction.
     pub(crate) fn has_delta(&self) -> bool {
-        self.bsdf.has_delta()
+        match &self.site {
+            Site::Surface { bsdf, .. } => bsdf.has_delta(),
+            Site::Medium { .. } => false,
+        }
     }
 
-    /// Whether the lobes that are no delta functions are too glossy for a density estimate, or there are none.
+    /// Whether a density estimate on surfaces does not serve here: in a medium, and where the lobes that are no delta functions are too
+    /// glossy for it, or there are none.
     pub(crate) fn is_glossier_than(&self, roughness: f32) -> bool {
-        self.bsdf.is_glossier_than(roughness)
+        match &self.site {
+            Site::Surface { bsdf, .. } => bsdf.is_glossier_than(roughness),
+            Site::Medium { .. } => true,
+        }
     }
 
     /// Cosine of `direction` with the shading normal, without sign.
     pub(crate) fn cos_shading(&self, direction: Vec3) -> f32 {
-        direction.dot(self.point.frame.n).abs()
+        self.surface().map_or(1.0, |point| direction.dot(point.frame.n).abs())
     }
 
     /// Cosine of `direction` with the geometric normal, without sign.
     pub(crate) fn cos_geometric(&self, direction: Vec3) -> f32 {
-        direction.dot(self.point.geometric_normal).abs()
+        self.surface()
+            .map_or(1.0, |point| direction.dot(point.geometric_normal).abs())
     }
 
     /// Whether `direction` points to the side of the true surface that `wo` points to.
     pub(crate) fn on_side_of_wo(&self, direction: Vec3) -> bool {
-        let height = |w: Vec3| w.dot(self.point.geometric_normal);
-        height(direction) * height(self.wo) > 0.0
+        self.surface().is_none_or(|point| {
+            let height = |w: Vec3| w.dot(point.geometric_normal);
+            height(direction) * height(self.wo) > 0.0
+        })
     }
 
     /// What turns flux that arrives along `-wo` through the true surface into flux through the surface that the
     /// shading normal pretends: `|wo . ns| / |wo . ng|` (Veach 1997, section 5.3).
     pub(crate) fn arrival_correction(&self) -> f32 {
+        let Site::Surface { wo_local, .. } = &self.site else {
+            return 1.0;
+        };
         let geometric = self.cos_geometric(self.wo);
         if geometric == 0.0 {
             0.0
         } else {
-            self.wo_local.z.abs() / geometric
+            wo_local.z.abs() / geometric
         }
     }
 
@@ -202,11 +363,11 @@ impl Vertex {
         scattered.weight() * (self.cos_geometric(scattered.wi) / scattered.cos_shading)
     }
 
-    /// A cone at this vertex.
-    pub(crate) fn cone(&self, direction: Vec3, weight: Spectrum, states: States) -> Cone {
+    /// A cone at this vertex on `surface`.
+    pub(crate) fn cone(&self, surface: &SurfacePoint, direction: Vec3, weight: Spectrum, states: States) -> Cone {
         Cone::new(
-            self.point.position,
-            self.point.geometric_normal,
+            surface.position,
+            surface.geometric_normal,
             direction,
             weight,
             self.edges,

@@ -1,14 +1,15 @@
 //! The walk of a subpath from vertex to vertex.
 
 use super::expression::{ANY, AT_LIGHT, States};
-use super::{Scattered, Tracer, Vertex};
+use super::{Scattered, Tracer, Vertex, Way};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::EmissionSample;
 use crate::material::TransportMode;
-use crate::math::sqr;
+use crate::math::{Vec3, sqr};
+use crate::medium::{Carried, MediumId};
 use crate::random::PathRandom;
 use crate::scene::Scene;
-use crate::spectrum::Spectrum;
+use crate::spectrum::{CHANNELS, Spectrum};
 
 /// Edges after which subpaths face Russian roulette, as Mitsuba's `rr_depth`.
 const ROULETTE_EDGES: u32 = 5;
@@ -18,75 +19,214 @@ const ROULETTE_SURVIVAL: f32 = 0.95;
 
 /// A subpath on its way.
 pub(crate) struct Walk {
-    /// Of the next edge.
+    /// Of the next edge, or of the part of it that is left.
     pub(crate) ray: Ray,
     /// What the subpath carries along the ray: from the camera, the share of the ray's radiance that reaches it; from a light,
     /// flux \[W\].
-    pub(crate) beta: Spectrum,
+    pub(crate) carried: Carried,
     /// Edges that have been traced.
     pub(crate) edges: u32,
+    /// What media on the last edge have sent to a camera subpath by themselves, its weights applied.
+    pub(crate) glow: Spectrum,
+    /// Length of the last edge up to the ray, where it goes on behind what bounds a medium \[scene units\].
+    passed: f32,
+    /// What stands for the share of light that comes through the last edge where techniques are weighed: a function of the edge alone.
+    pub(crate) expected_transmittance: f32,
     mode: TransportMode,
     /// Where it is among the words of the scene's path expression.
     pub(crate) states: States,
     /// Index of refraction at the end over that at the start.
     eta: f32,
+    /// What the ray goes through.
+    medium: Option<MediumId>,
+    /// The channel that chooses where media scatter the subpath.
+    hero: usize,
+}
+
+/// What the next edge of a subpath ends at.
+pub(crate) enum Met {
+    Surface(SurfacePoint),
+    /// Where a medium scatters.
+    Medium(MediumPoint),
+    Nothing,
+}
+
+/// A place in a medium.
+pub(crate) struct MediumPoint {
+    position: Vec3,
+    /// Along the ray.
+    distance: f32,
+    medium: MediumId,
+}
+
+impl Met {
+    /// The point of a surface.
+    #[inline]
+    pub(crate) fn surface(&self) -> Option<&SurfacePoint> {
+        match self {
+            Self::Surface(point) => Some(point),
+            Self::Medium(_) | Self::Nothing => None,
+        }
+    }
+
+    /// Whether the subpath leaves the scene.
+    #[inline]
+    pub(crate) fn is_nothing(&self) -> bool {
+        matches!(self, Self::Nothing)
+    }
 }
 
 impl Walk {
     /// A camera subpath that starts with `ray`.
-    pub(crate) fn from_camera(scene: &Scene, ray: Ray) -> Self {
+    #[inline]
+    pub(crate) fn from_camera(scene: &Scene, ray: Ray, random: &mut PathRandom) -> Self {
         Self {
-            ray,
-            beta: Spectrum::ONE,
-            edges: 0,
-            mode: TransportMode::Radiance,
-            states: scene.states_at_camera(),
-            eta: 1.0,
+            medium: scene.media.as_ref().and_then(|media| media.camera),
+            ..Self::new(scene, ray, Spectrum::ONE, TransportMode::Radiance, random)
         }
     }
 
     /// A light subpath.
-    pub(crate) fn from_light(scene: &Scene, start: &EmissionSample) -> Self {
-        Self {
-            ray: start.ray,
-            beta: start.flux,
-            edges: 0,
-            mode: TransportMode::Flux,
-            states: scene.paths.as_ref().map_or(ANY, |_| AT_LIGHT),
-            eta: 1.0,
-        }
-    }
-
-    /// Traces the next edge to the surface that it hits.
     #[inline]
-    pub(crate) fn advance(&mut self, tracer: &mut Tracer) -> Option<SurfacePoint> {
-        self.edges += 1;
-        if self.edges == 1 && self.mode == TransportMode::Radiance {
-            return tracer.intersect_from_camera(&self.ray);
+    pub(crate) fn from_light(scene: &Scene, start: &EmissionSample, random: &mut PathRandom) -> Self {
+        Self {
+            medium: scene.medium_of_light(start),
+            ..Self::new(scene, start.ray, start.flux, TransportMode::Flux, random)
         }
-        tracer.intersect(&self.ray)
     }
 
-    /// The vertex at the end of the edge.
-    #[inline(always)]
-    pub(crate) fn arrive(&mut self, scene: &Scene, point: SurfacePoint) -> Vertex {
-        let mut vertex = Vertex::new(scene, point, -self.ray.direction, self.mode);
-        if self.mode == TransportMode::Flux {
-            self.beta *= vertex.arrival_correction();
+    #[inline]
+    fn new(scene: &Scene, ray: Ray, weight: Spectrum, mode: TransportMode, random: &mut PathRandom) -> Self {
+        Self {
+            ray,
+            carried: Carried::new(weight),
+            edges: 0,
+            glow: Spectrum::ZERO,
+            passed: 0.0,
+            expected_transmittance: 1.0,
+            mode,
+            states: match mode {
+                TransportMode::Radiance => scene.states_at_camera(),
+                TransportMode::Flux => scene.paths.as_ref().map_or(ANY, |_| AT_LIGHT),
+            },
+            eta: 1.0,
+            medium: None,
+            hero: match &scene.media {
+                Some(media) if !media.grey => (random.next_1d() * CHANNELS as f32) as usize,
+                _ => 0,
+            },
         }
-        vertex.beta = self.beta;
+    }
+
+    /// Traces the next edge to what it ends at.
+    #[inline]
+    pub(crate) fn advance(&mut self, tracer: &mut Tracer, random: &mut PathRandom) -> Met {
+        self.edges += 1;
+        let point = match self.edges == 1 && self.mode == TransportMode::Radiance {
+            true => tracer.intersect_from_camera(&self.ray),
+            false => tracer.intersect(&self.ray),
+        };
+        if tracer.scene.media.is_none() {
+            return point.map_or(Met::Nothing, Met::Surface);
+        }
+        self.glow = Spectrum::ZERO;
+        self.passed = 0.0;
+        self.expected_transmittance = 1.0;
+        self.fly(tracer.scene, point, random)
+    }
+
+    /// Goes on with the same edge through a surface that bounds a medium and does nothing else; `None` where the surface is another.
+    #[inline]
+    pub(crate) fn pass(&mut self, tracer: &mut Tracer, met: &Met, random: &mut PathRandom) -> Option<Met> {
+        tracer.scene.media.as_ref()?;
+        let point = met.surface().filter(|point| tracer.scene.is_passed(point))?;
+        self.medium = tracer.scene.media_about(point, self.medium).towards(self.ray.direction, point.geometric_normal);
+        self.passed += point.distance;
+        let max_distance = self.ray.max_distance - point.distance;
+        self.ray = Ray {
+            max_distance,
+            ..point.ray_towards(self.ray.direction)
+        };
+        let behind = tracer.intersect(&self.ray);
+        Some(self.fly(tracer.scene, behind, random))
+    }
+
+    /// Goes through the medium before `point`, or before nothing.
+    fn fly(&mut self, scene: &Scene, point: Option<SurfacePoint>, random: &mut PathRandom) -> Met {
+        let end = point.map_or(Met::Nothing, Met::Surface);
+        let Some((id, medium)) = scene.medium(self.medium) else {
+            return end;
+        };
+        let distance = point.map_or(self.ray.max_distance, |point| point.distance);
+        let flight = medium.fly(&self.ray, distance, self.hero, &mut self.carried, random);
+        self.glow += flight.glow;
+        let flown = flight.scattered_at.unwrap_or(distance);
+        self.expected_transmittance *= medium.expected_transmittance(flown);
+        match flight.scattered_at {
+            Some(distance) => Met::Medium(MediumPoint {
+                position: self.ray.origin + self.ray.direction * distance,
+                distance,
+                medium: id,
+            }),
+            None => end,
+        }
+    }
+
+    /// The length of the last edge, which has come to `met` \[scene units\].
+    #[inline]
+    pub(crate) fn length(&self, met: &Met) -> f32 {
+        let rest = match met {
+            Met::Surface(point) => point.distance,
+            Met::Medium(point) => point.distance,
+            Met::Nothing => f32::INFINITY,
+        };
+        self.passed + rest
+    }
+
+    /// The way that the next edge takes.
+    pub(crate) fn way(&self) -> Way {
+        Way {
+            ray: self.ray,
+            length: f32::INFINITY,
+            medium: self.medium,
+        }
+    }
+
+    /// The vertex at the end of the edge; `None` where the edge ends nowhere.
+    #[inline(always)]
+    pub(crate) fn arrive<'s>(&mut self, scene: &'s Scene, met: &Met) -> Option<Vertex<'s>> {
+        let wo = -self.ray.direction;
+        let mut vertex = match met {
+            Met::Surface(point) => {
+                let mut vertex = Vertex::new(scene, *point, wo, self.mode);
+                if scene.media.is_some() {
+                    vertex.between(scene.media_about(point, self.medium));
+                }
+                vertex
+            }
+            Met::Medium(point) => {
+                let (id, medium) = scene.medium(Some(point.medium))?;
+                Vertex::in_medium(point.position, id, &medium.phase, wo, self.mode)
+            }
+            Met::Nothing => return None,
+        };
+        if self.mode == TransportMode::Flux {
+            self.carried.scale(vertex.arrival_correction());
+        }
+        vertex.beta = self.carried.beta();
         vertex.edges = self.edges;
         if let Some(paths) = &scene.paths {
             vertex.note(paths, self.states);
         }
-        vertex
+        Some(vertex)
     }
 
     /// Goes on in a direction sampled at the last vertex, unless Russian roulette ends the subpath there. Roulette goes by all that a
     /// camera subpath carries, and by the share that a light subpath keeps at the vertex.
     #[inline(always)]
     pub(crate) fn go_on(&mut self, vertex: &Vertex, scattered: &Scattered, random: &mut PathRandom) -> bool {
-        self.ray = vertex.point.ray_towards(scattered.wi);
+        self.ray = vertex.ray_towards(scattered.wi);
+        self.medium = vertex.medium_towards(scattered.wi);
         self.states = match scattered.bsdf.delta {
             true => vertex.states.delta,
             false => vertex.states.smooth,
@@ -94,22 +234,22 @@ impl Walk {
         let young = self.edges < ROULETTE_EDGES;
         let survival = match self.mode {
             TransportMode::Radiance => {
-                self.beta *= scattered.weight();
+                self.carried.turned(scattered.weight());
                 self.eta *= scattered.bsdf.eta;
                 if young {
-                    return !self.beta.is_black();
+                    return !self.carried.is_black();
                 }
-                (self.beta.max_component() * sqr(self.eta)).min(ROULETTE_SURVIVAL)
+                (self.carried.beta().max_component() * sqr(self.eta)).min(ROULETTE_SURVIVAL)
             }
             TransportMode::Flux => {
-                self.beta = vertex.beta * vertex.continuation_weight(scattered);
-                let kept = self.beta.max_component() / vertex.beta.max_component();
+                self.carried.turned(vertex.continuation_weight(scattered));
+                let kept = self.carried.beta().max_component() / vertex.beta.max_component();
                 kept.min(if young { 1.0 } else { ROULETTE_SURVIVAL })
             }
         };
-        let survives = !self.beta.is_black() && random.next_choice() < f64::from(survival);
+        let survives = !self.carried.is_black() && random.next_choice() < f64::from(survival);
         if survives {
-            self.beta *= 1.0 / survival;
+            self.carried.scale(1.0 / survival);
         }
         survives
     }

@@ -202,6 +202,17 @@ impl PathRandom {
         DVec2::new(number(x, (below >> 32) as u32), number(y, below as u32))
     }
 
+    /// Independent numbers of their own, made of the next draw: for what takes nobody knows how many.
+    #[must_use]
+    pub fn apart(&mut self) -> Self {
+        let draw = self.next_choice_2d();
+        Self {
+            key: mix(draw.x.to_bits() ^ mix(draw.y.to_bits().wrapping_add(GOLDEN))),
+            dimension: 0,
+            source: Source::Independent,
+        }
+    }
+
     fn next_pair(&mut self) -> [u32; 2] {
         self.dimension += 1;
         match &self.source {

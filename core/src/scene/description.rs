@@ -205,9 +205,6 @@ impl Kind {
     /// What a scene is without objects of this kind, of which none is rendered.
     pub(crate) fn left_out(self) -> Option<&'static str> {
         match self {
-            Self::Medium | Self::Volume | Self::Phase => {
-                Some("space is empty, and light is neither scattered nor absorbed on its way")
-            }
             Self::Subsurface => Some("light leaves a surface where it arrives"),
             _ => None,
         }

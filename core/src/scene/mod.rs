@@ -28,6 +28,7 @@ mod spectrum;
 #[cfg(test)]
 mod tests;
 mod text;
+mod vol;
 mod warning;
 mod xml;
 
@@ -44,6 +45,7 @@ use crate::film::{FilmSettings, Window, WindowError};
 use crate::geometry::{Geometry, ShapeId, ShapeSampler, SurfacePoint};
 use crate::light::{LightId, Lights};
 use crate::material::Material;
+use crate::medium::{Boundary, Media};
 use crate::motion::Motion;
 use crate::path::{ANY, PathExpression, States};
 use crate::sensor::Sensor;
@@ -65,6 +67,8 @@ pub struct Scene {
     pub bindings: Arc<[ShapeBinding]>,
     /// Materials, by [`ShapeBinding::material`].
     pub materials: Arc<[Material]>,
+    /// What fills space; `None` where it is empty everywhere.
+    pub media: Option<Arc<Media>>,
     /// Lights and the distribution they are chosen by.
     pub lights: Lights,
     /// What the scene calls each light, by [`LightId`]: its id or that of its shape, or else `lamp-` and its number from 1. Several may
@@ -108,6 +112,8 @@ pub struct ShapeBinding {
     pub material: u32,
     /// The area light on the shape.
     pub light: Option<LightId>,
+    /// What lies on its two sides, where it bounds a medium.
+    pub boundary: Option<Boundary>,
 }
 
 /// Rendering settings that the scene file carries; a job may override them.

@@ -318,6 +318,19 @@ impl<'d> Reader<'d> {
         self.wrong(name, format!("{problem}: {}{hint}", allowed.join(", ")))
     }
 
+    /// A list of numbers, written with commas or blanks between them.
+    pub(crate) fn numbers(&self, name: &str) -> Result<Option<Vec<f64>>, SceneError> {
+        let Some(text) = self.string(name)? else {
+            return Ok(None);
+        };
+        let words = text.split([' ', ',', ';', '\n', '\t']).filter(|word| !word.is_empty());
+        let numbers = words.map(|word| word.parse::<f64>().ok().filter(|number| number.is_finite()));
+        match numbers.collect::<Option<Vec<f64>>>() {
+            Some(numbers) => Ok(Some(numbers)),
+            None => self.left_out(self.wrong(name, "expected numbers with commas or blanks between them")),
+        }
+    }
+
     pub(crate) fn vector(&self, name: &str) -> Result<Option<DVec3>, SceneError> {
         match self.property(name) {
             None => Ok(None),

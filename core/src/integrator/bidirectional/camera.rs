@@ -3,10 +3,10 @@
 use super::light::LightPaths;
 use super::merge::MergeQuery;
 use super::{End, Estimator, Spectrum};
-use crate::geometry::{Ray, SurfacePoint};
 use crate::integrator::Sample;
-use crate::math::{DVec2, FRAC_1_PI, sqr};
-use crate::path::{AT_LIGHT, Partial, Towards, Tracer, Walk};
+use crate::math::{DVec2, FRAC_1_PI, Vec3, sqr};
+use crate::path::{AT_LIGHT, Met, Partial, Towards, Tracer, Walk};
+use crate::random::PathRandom;
 
 impl<'a> Estimator<'a> {
     /// Estimates the radiance along a camera ray but for merges, which it asks for in `merges`.
@@ -14,7 +14,7 @@ impl<'a> Estimator<'a> {
         &self,
         sample: Sample<'a, '_>,
         light: &LightPaths,
-        merges: &mut Vec<MergeQuery>,
+        merges: &mut Vec<MergeQuery<'a>>,
     ) -> Spectrum {
         let Sample {
             tracer,
@@ -35,24 +35,36 @@ impl<'a> Estimator<'a> {
                 self.camera_edges.first * sensor.cos / (pdf_lens * sensor.pdf)
             }),
         };
-        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(tracer.scene, camera.ray));
+        let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(tracer.scene, camera.ray, random));
         while walk.edges < self.plan.max_edges {
-            let hit = walk.advance(tracer);
+            let from = walk.ray.origin;
+            let mut met = walk.advance(tracer, random);
             let edges = walk.edges;
-            if self.uses(0, edges + 1) && walk.states & AT_LIGHT != 0 {
-                total += walk.beta * self.emission(tracer, &walk.ray, hit.as_ref(), partial, edges);
+            let finds = self.uses(0, edges + 1) && walk.states & AT_LIGHT != 0;
+            loop {
+                if finds {
+                    total += walk.carried.beta() * self.emission(tracer, &walk, from, &met, partial);
+                }
+                match walk.pass(tracer, &met, random) {
+                    Some(behind) => met = behind,
+                    None => break,
+                }
             }
-            let Some(point) = hit else { break };
+            if finds {
+                // Nothing else finds it.
+                total += walk.glow;
+            }
             if edges == self.plan.max_edges {
                 break;
             }
-            let vertex = walk.arrive(tracer.scene, point);
+            let Some(vertex) = walk.arrive(tracer.scene, &met) else { break };
+            let distance = walk.length(&met);
             let distance2 = match edges {
                 1 if sensor.parallel => 1.0,
-                1 => sqr(point.distance + sensor.clipped),
-                _ => sqr(point.distance),
+                1 => sqr(distance + sensor.clipped),
+                _ => sqr(distance),
             };
-            partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
+            partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo), walk.expected_transmittance);
             let end = End { vertex, partial };
             let vertex = &end.vertex;
             if !vertex.is_delta() {
@@ -60,7 +72,7 @@ impl<'a> Estimator<'a> {
                     // Drawn also where only other techniques are shown, so that these find what they find beside it.
                     let (choice, u) = (random.next_choice(), random.next_choice_2d());
                     if self.uses(1, edges + 1) && vertex.states.smooth & AT_LIGHT != 0 {
-                        total += vertex.beta * self.next_event(tracer, &end, choice, u);
+                        total += vertex.beta * self.next_event(tracer, &end, choice, u, random);
                     }
                 }
                 for other in light.vertices(light_path) {
@@ -69,10 +81,10 @@ impl<'a> Estimator<'a> {
                         continue;
                     }
                     if edges + 1 + light_edges <= self.plan.max_edges && self.uses(light_edges + 1, edges + 1) {
-                        total += vertex.beta * self.connect(tracer, &end, other);
+                        total += vertex.beta * self.connect(tracer, &end, other, random);
                     }
                 }
-                if self.merge_radius.is_some() {
+                if self.merge_radius.is_some() && vertex.surface().is_some() {
                     merges.push(MergeQuery {
                         end: end.clone(),
                         pixel: pixel as u32,
@@ -90,34 +102,29 @@ impl<'a> Estimator<'a> {
         total
     }
 
-    /// Light emitted towards the ray's origin by what the ray found (`s = 0`), with its share.
-    fn emission(
-        &self,
-        tracer: &Tracer,
-        ray: &Ray,
-        hit: Option<&SurfacePoint>,
-        partial: Partial,
-        edges: u32,
-    ) -> Spectrum {
+    /// Light emitted towards the last vertex, at `from`, by what the walk has met (`s = 0`), with its share.
+    fn emission(&self, tracer: &Tracer, walk: &Walk, from: Vec3, met: &Met, partial: Partial) -> Spectrum {
         let (scene, lights) = (tracer.scene, &tracer.scene.lights);
+        let (ray, edges) = (&walk.ray, walk.edges);
         // Nothing connects a light with the lens directly.
         let connections = if edges == 1 { 0.0 } else { self.light_edges.first };
         let share = |connected: f32, emitted: f32| {
-            let others = connections * connected * partial.edge + emitted * partial.before;
+            let others = connections * connected * partial.edge / walk.expected_transmittance + emitted * partial.before;
             self.share(others)
         };
-        let Some(point) = hit else {
+        if met.is_nothing() {
             let found = lights.beyond(ray).map(|beyond| {
                 let radiance = beyond.radiance(ray.direction);
                 if radiance.is_black() {
                     return radiance;
                 }
-                let (connected, emitted) = beyond.densities(ray.origin, ray.direction);
+                let (connected, emitted) = beyond.densities(from, ray.direction);
                 radiance * share(connected, emitted)
             });
             return found.sum();
-        };
-        let Some(light) = scene.light_at(point) else {
+        }
+        let lamp = met.surface().and_then(|point| Some((point, scene.light_at(point)?)));
+        let Some((point, light)) = lamp else {
             return Spectrum::ZERO;
         };
         let radiance = lights.emitted(light, point, -ray.direction);
@@ -125,12 +132,12 @@ impl<'a> Estimator<'a> {
             return radiance;
         }
         // The density of the direction is its cosine over pi; the cosine turns what the path kept into terms of area.
-        let connected = lights.pdf_area(&scene.geometry, light, ray.origin, point);
+        let connected = lights.pdf_area(&scene.geometry, light, from, point);
         radiance * share(connected, lights.pdf_emission_position(light) * FRAC_1_PI)
     }
 
     /// Direct light at the end of a camera path by a connection with a point of a light (`s = 1`).
-    fn next_event(&self, tracer: &mut Tracer, end: &End, choice: f64, u: DVec2) -> Spectrum {
+    fn next_event(&self, tracer: &mut Tracer, end: &End, choice: f64, u: DVec2, random: &mut PathRandom) -> Spectrum {
         let vertex = &end.vertex;
         let Some(light) = tracer.sample_light(vertex, choice, u) else {
             return Spectrum::ZERO;
@@ -139,25 +146,29 @@ impl<'a> Estimator<'a> {
         if f.is_black() {
             return f;
         }
+        let passed = tracer.transmittance(&vertex.way_to(light.wi, light.distance), random);
+        if passed.share.is_black() {
+            return passed.share;
+        }
         let found = match light.delta {
-            false if self.plan.techniques.hit => pdf / light.pdf,
+            false if self.plan.techniques.hit => pdf * passed.expected / light.pdf,
             _ => 0.0,
         };
         let more_light = end.partial.over_connection(
-            light.arrival * vertex.cos_geometric(light.wi),
+            light.arrival * vertex.cos_geometric(light.wi) * passed.expected,
             pdf_rev,
             self.camera_edges.of(vertex.edges),
-            self.merges,
+            self.merges_at(vertex),
         );
         let share = self.share(found + more_light);
         let value = f * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf);
-        value * tracer.transmittance(&vertex.point.shadow_ray(light.wi, light.distance))
+        value * passed.share
     }
 
     /// Connects the ends of a camera path and of a light path.
-    fn connect(&self, tracer: &mut Tracer, end: &End, other: &End) -> Spectrum {
+    fn connect(&self, tracer: &mut Tracer, end: &End, other: &End, random: &mut PathRandom) -> Spectrum {
         let (camera, light) = (&end.vertex, &other.vertex);
-        let offset = light.point.position - camera.point.position;
+        let offset = light.position() - camera.position();
         let distance2 = offset.length_squared();
         let distance = distance2.sqrt();
         let wi = offset / distance;
@@ -166,25 +177,25 @@ impl<'a> Estimator<'a> {
         if f.is_black() || distance2 == 0.0 {
             return Spectrum::ZERO;
         }
+        let passed = tracer.transmittance(&camera.way_to(wi, distance), random);
+        if passed.share.is_black() {
+            return passed.share;
+        }
         let per_area = 1.0 / distance2;
         let light_cos = light.cos_geometric(wi);
         let more_camera = other.partial.over_connection(
-            at_camera.pdf * light_cos * per_area,
+            at_camera.pdf * light_cos * per_area * passed.expected,
             at_light.pdf_rev,
             self.light_edges.of(light.edges),
-            self.merges,
+            self.merges_at(light),
         );
         let more_light = end.partial.over_connection(
-            at_light.pdf * camera.cos_geometric(wi) * per_area,
+            at_light.pdf * camera.cos_geometric(wi) * per_area * passed.expected,
             at_camera.pdf_rev,
-            self.camera_edges.of(end.vertex.edges),
-            self.merges,
+            self.camera_edges.of(camera.edges),
+            self.merges_at(camera),
         );
         let share = self.share(more_camera + more_light);
-        let value = f * light.beta * (camera.cos_shading(wi) * light_cos * per_area * share);
-        if value.is_black() {
-            return value;
-        }
-        value * tracer.transmittance(&camera.point.shadow_ray(wi, distance))
+        f * light.beta * (camera.cos_shading(wi) * light_cos * per_area * share) * passed.share
     }
 }

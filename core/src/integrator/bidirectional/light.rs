@@ -6,19 +6,19 @@ use crate::density::{Point, count_edges};
 use crate::integrator::light_paths::{self, CHUNK};
 use crate::light::{EmissionSample, Origin};
 use crate::math::sqr;
-use crate::path::{Partial, Towards, Tracer, Walk};
+use crate::path::{Met, Partial, Passed, Towards, Tracer, Walk, Way};
 use crate::random::{PathRandom, Stream};
 use crate::sensor::SensorSample;
 use crate::spectrum::Spectrum;
 
 /// The light paths of an iteration, in chunks of [`CHUNK`].
-pub(super) struct LightPaths {
-    chunks: Vec<Chunk>,
+pub(super) struct LightPaths<'s> {
+    chunks: Vec<Chunk<'s>>,
 }
 
 #[derive(Default)]
-pub(super) struct Chunk {
-    vertices: Vec<End>,
+pub(super) struct Chunk<'s> {
+    vertices: Vec<End<'s>>,
     /// For each path, where its vertices end.
     ends: Vec<u32>,
     merge_points: Vec<Point<MergePayload>>,
@@ -26,15 +26,15 @@ pub(super) struct Chunk {
 }
 
 #[cfg(test)]
-impl Chunk {
-    pub(super) fn vertices(&self) -> &[End] {
+impl<'s> Chunk<'s> {
+    pub(super) fn vertices(&self) -> &[End<'s>] {
         &self.vertices
     }
 }
 
-impl LightPaths {
+impl<'s> LightPaths<'s> {
     /// Vertices of a path that are no delta functions.
-    pub(super) fn vertices(&self, path: u32) -> &[End] {
+    pub(super) fn vertices(&self, path: u32) -> &[End<'s>] {
         let chunk = &self.chunks[(path / CHUNK) as usize];
         let index = (path % CHUNK) as usize;
         let start = index.checked_sub(1).map_or(0, |before| chunk.ends[before]);
@@ -53,9 +53,9 @@ impl LightPaths {
     }
 }
 
-impl Estimator<'_> {
+impl<'a> Estimator<'a> {
     /// Traces all light paths on the current rayon pool.
-    pub(super) fn trace_light(&self, observer: &dyn Observer, counts: &mut Counts) -> Result<LightPaths, RenderError> {
+    pub(super) fn trace_light(&self, observer: &dyn Observer, counts: &mut Counts) -> Result<LightPaths<'a>, RenderError> {
         let paths = light_paths::LightPaths {
             sequence: self.job.light_sequence(self.plan.light_paths),
             range: 0..self.plan.light_paths,
@@ -79,49 +79,45 @@ impl Estimator<'_> {
 
     pub(super) fn trace_light_path(
         &self,
-        tracer: &mut Tracer,
+        tracer: &mut Tracer<'a>,
         path: u32,
         start: &EmissionSample,
         random: &mut PathRandom,
-        out: &mut Chunk,
+        out: &mut Chunk<'a>,
     ) {
         let scene = tracer.scene;
         let infinite = start.origin.is_infinite();
-        let mut walk = Walk::from_light(scene, start);
+        let mut walk = Walk::from_light(scene, start, random);
         let mut partial = self.first_light_partial(start);
         while walk.edges < self.plan.max_edges {
-            let hit = walk.advance(tracer);
+            let (carried, way) = (walk.carried.beta(), walk.way());
+            let met = light_paths::advance(&mut walk, tracer, random);
             let edges = walk.edges;
             let parallel = infinite && edges == 1;
             if self.uses(edges + 1, 0) && walk.states & scene.states_at_camera() != 0 {
-                let first = match scene.hide_emitters {
-                    true => tracer.intersect_from_camera(&walk.ray),
-                    false => hit,
-                };
-                let free = first.map_or(f32::INFINITY, |point| point.distance);
-                if let Some(seen) = scene.sensor.hit_lens(&walk.ray, free, parallel) {
-                    let value = walk.beta * self.lens_share(&seen, partial, edges, parallel);
-                    self.splat(&seen, value, &mut self.lens_random(path, edges), out);
+                let mut random = self.lens_random(path, edges);
+                if let Some((seen, passed)) = hit_lens(tracer, way, &met, parallel, &mut random) {
+                    let value = carried * passed.share * self.lens_share(&seen, partial, edges, parallel, passed.expected);
+                    self.splat(&seen, value, &mut random, out);
                 }
             }
-            let Some(point) = hit else { return };
             if edges == self.plan.max_edges {
                 return;
             }
-            let vertex = walk.arrive(scene, point);
-            let distance2 = if parallel { 1.0 } else { sqr(point.distance) };
+            let Some(vertex) = walk.arrive(scene, &met) else { return };
+            let distance2 = if parallel { 1.0 } else { sqr(walk.length(&met)) };
             if edges == 1 {
                 partial.edge *= scene
                     .lights
-                    .connection_over_emission(&scene.geometry, start, point.position);
+                    .connection_over_emission(&scene.geometry, start, vertex.position());
                 partial.before *= f32::from(u8::from(self.plan.techniques.hit));
             }
-            partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo));
+            partial = partial.arrived(distance2, vertex.cos_geometric(vertex.wo), walk.expected_transmittance);
             let end = End { vertex, partial };
             let vertex = &end.vertex;
             if !vertex.is_delta() {
                 self.connect_with_lens(tracer, &end, &mut self.lens_random(path, edges), out);
-                if self.merge_radius.is_some() {
+                if let Some(point) = vertex.surface().filter(|_| self.merge_radius.is_some()) {
                     let payload = MergePayload {
                         wi: vertex.wo,
                         flux: vertex.beta,
@@ -182,10 +178,10 @@ impl Estimator<'_> {
         if vertex.states.smooth & scene.states_at_camera() == 0 {
             return;
         }
-        if scene.hide_emitters && scene.light_at(&vertex.point).is_some() {
+        if scene.hide_emitters && vertex.surface().is_some_and(|point| scene.light_at(point).is_some()) {
             return;
         }
-        let Some(seen) = tracer.scene.sample_we(vertex.point.position, random.next_2d()) else {
+        let Some(seen) = tracer.scene.sample_we(vertex.position(), random.next_2d()) else {
             return;
         };
         let Towards { f, pdf, pdf_rev } = vertex.towards(seen.direction);
@@ -195,31 +191,34 @@ impl Estimator<'_> {
         // Density of camera rays by area at the vertex.
         let cos = vertex.cos_geometric(seen.direction);
         let pdf_area = seen.pdf_area() * cos;
-        let more_camera =
-            end.partial
-                .over_connection(pdf_area, pdf_rev, self.light_edges.of(vertex.edges), self.merges);
+        let way = vertex.way_to(seen.direction, seen.visible_distance());
+        let passed = tracer.transmittance_to_camera(&way, random);
+        if passed.share.is_black() {
+            return;
+        }
+        let more_camera = end.partial.over_connection(
+            pdf_area * passed.expected,
+            pdf_rev,
+            self.light_edges.of(vertex.edges),
+            self.merges_at(vertex),
+        );
         let hits_lens = seen
             .pdf
             .pdf_lens
-            .map_or(0.0, |pdf_lens| pdf * seen.pdf.cos / (sqr(seen.distance) * pdf_lens));
+            .map_or(0.0, |pdf_lens| pdf * passed.expected * seen.pdf.cos / (sqr(seen.distance) * pdf_lens));
         let camera_paths = self.plan.samples as f32 / self.plan.light_paths as f32;
         let share = self.share(more_camera * camera_paths + hits_lens);
         let value = vertex.beta * f * (pdf_area * share);
-        if value.is_black() {
-            return;
-        }
-        let way = vertex.point.shadow_ray(seen.direction, seen.visible_distance());
-        let transmittance = tracer.transmittance_to_camera(&way);
-        if !transmittance.is_black() {
-            self.splat(&seen, value * transmittance, random, out);
+        if !value.is_black() {
+            self.splat(&seen, value * passed.share, random, out);
         }
     }
 
     /// Importance of the lens for a light path that hits it (`t = 0`) [1/(W per radiance)], times its share.
-    fn lens_share(&self, seen: &SensorSample, partial: Partial, edges: u32, parallel: bool) -> f32 {
+    fn lens_share(&self, seen: &SensorSample, partial: Partial, edges: u32, parallel: bool, passed: f32) -> f32 {
         let pdf_lens = seen.pdf.pdf_lens.unwrap_or(0.0);
         let distance2 = if parallel { 1.0 } else { sqr(seen.distance) };
-        let at_lens = partial.arrived(distance2, seen.pdf.cos);
+        let at_lens = partial.arrived(distance2, seen.pdf.cos, passed);
         // Nothing connects a light with the lens directly.
         let connected = if edges == 1 { 0.0 } else { at_lens.edge };
         let camera_paths = self.plan.samples as f32 / self.plan.light_paths as f32;
@@ -240,4 +239,26 @@ impl Estimator<'_> {
             });
         }
     }
+}
+
+/// Where the next edge of a light path, which takes `way` and comes to `met`, hits the lens, and what comes through to it.
+fn hit_lens(
+    tracer: &mut Tracer,
+    way: Way,
+    met: &Met,
+    parallel: bool,
+    random: &mut PathRandom,
+) -> Option<(SensorSample, Passed)> {
+    let scene = tracer.scene;
+    if scene.media.is_some() {
+        let seen = scene.sensor.hit_lens(&way.ray, f32::INFINITY, parallel)?;
+        let passed = tracer.transmittance_to_camera(&way.up_to(seen.visible_distance()), random);
+        return Some((seen, passed));
+    }
+    let free = match scene.hide_emitters {
+        true => tracer.intersect_from_camera(&way.ray).map(|point| point.distance),
+        false => met.surface().map(|point| point.distance),
+    };
+    let seen = scene.sensor.hit_lens(&way.ray, free.unwrap_or(f32::INFINITY), parallel)?;
+    Some((seen, Passed::ALL))
 }

@@ -23,8 +23,8 @@ pub(super) struct MergePayload {
 }
 
 /// The end of a camera path that is to be merged.
-pub(super) struct MergeQuery {
-    pub(super) end: End,
+pub(super) struct MergeQuery<'s> {
+    pub(super) end: End<'s>,
     /// Index of the pixel, row by row from the top left.
     pub(super) pixel: u32,
 }
@@ -39,7 +39,7 @@ impl Estimator<'_> {
         observer: &dyn Observer,
     ) -> Result<Vec<Vec<Found>>, RenderError> {
         let disc = |query: &MergeQuery| {
-            let position = query.end.vertex.point.position;
+            let position = query.end.vertex.position();
             (position, radius_at(radius, position))
         };
         let merged = map.answer(

@@ -108,8 +108,8 @@ struct Estimator<'a> {
 
 /// A vertex of a subpath that the other side's subpaths can be connected and merged with.
 #[derive(Clone)]
-struct End {
-    vertex: Vertex,
+struct End<'s> {
+    vertex: Vertex<'s>,
     partial: Partial,
 }
 
@@ -224,6 +224,14 @@ impl<'a> Estimator<'a> {
         }
     }
 
+    /// The factor of merging at a vertex: there is none in a medium.
+    fn merges_at(&self, vertex: &Vertex) -> f32 {
+        match vertex.surface() {
+            Some(_) => self.merges,
+            None => 0.0,
+        }
+    }
+
     /// Goes on from a vertex in a direction sampled there.
     fn partial_after(&self, vertex: &Vertex, partial: Partial, edge: f32, scattered: &Scattered) -> Partial {
         let cos = vertex.cos_geometric(scattered.wi);
@@ -231,6 +239,6 @@ impl<'a> Estimator<'a> {
         if scattered.bsdf.delta {
             return partial.after_delta(cos, pdf_rev / pdf);
         }
-        partial.after(cos, pdf, pdf_rev, edge, self.merges)
+        partial.after(cos, pdf, pdf_rev, edge, self.merges_at(vertex))
     }
 }

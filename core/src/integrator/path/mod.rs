@@ -12,8 +12,9 @@ pub(super) fn render(job: &Job, settings: &PathSettings, observer: &dyn Observer
     let mut counts = Counts::default();
     let pixels = render_pixels(job, settings.samples, observer, &mut counts, |sample| {
         let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
-        while let Some(point) = path.trace_edge() {
-            let vertex = path.arrive(point);
+        loop {
+            let met = path.trace_edge();
+            let Some(vertex) = path.arrive(&met) else { break };
             path.add_next_event(&vertex);
             if path.go_on(&vertex).is_none() {
                 break;

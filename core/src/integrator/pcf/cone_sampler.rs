@@ -4,6 +4,7 @@ use super::camera_lobe::{CameraLobe, LobeAt};
 use super::importons::{DEFENSIVE, Importons, Mixture};
 use super::query::is_automatic_lookup;
 use crate::density::{Cone, Occupancy};
+use crate::geometry::SurfacePoint;
 use crate::integrator::light_paths::Arrival;
 use crate::integrator::{Bandwidth, Job};
 use crate::math::{Vec3, pow, sqr};
@@ -30,7 +31,7 @@ const IMPORTON: usize = 2;
 
 /// The samplers in use at a vertex that is not delta.
 struct Techniques<'v> {
-    vertex: &'v Vertex,
+    vertex: &'v Vertex<'v>,
     beta: f32,
     bsdf: bool,
     camera: Option<LobeAt>,
@@ -90,14 +91,15 @@ impl<'a> ConeSampler<'a> {
     /// `occupancy` rules out are left out.
     pub(super) fn store(&self, arrival: &Arrival, occupancy: Option<&Occupancy>, records: &mut Vec<Cone>) {
         let vertex = arrival.vertex;
-        let position = vertex.point.position;
+        let Some(point) = vertex.surface() else { return };
+        let position = point.position;
         if occupancy.is_some_and(|o| !o.may_count_at(position)) {
             return;
         }
         let wanted = |direction: Vec3| occupancy.is_none_or(|o| o.may_count(position, direction));
         let mut push = |direction: Vec3, weight: Spectrum, states: States| {
             if !weight.is_black() {
-                records.push(vertex.cone(direction, weight, states));
+                records.push(vertex.cone(point, direction, weight, states));
             }
         };
         let walked = |vertex| self.lookup == LookupVertex::Auto && is_automatic_lookup(vertex);
@@ -114,7 +116,7 @@ impl<'a> ConeSampler<'a> {
         if vertex.is_delta() {
             return;
         }
-        let techniques = self.techniques(vertex);
+        let techniques = self.techniques(vertex, point);
         if let Some(scattered) = arrival.scattered.filter(|s| self.bsdf && !s.bsdf.delta && wanted(s.wi)) {
             let mut densities = techniques.densities(scattered.wi);
             densities[BSDF] = scattered.bsdf.pdf;
@@ -146,8 +148,7 @@ impl<'a> ConeSampler<'a> {
         }
     }
 
-    fn techniques<'v>(&self, vertex: &'v Vertex) -> Techniques<'v> {
-        let point = &vertex.point;
+    fn techniques<'v>(&self, vertex: &'v Vertex<'v>, point: &SurfacePoint) -> Techniques<'v> {
         Techniques {
             vertex,
             beta: self.beta,

@@ -41,16 +41,18 @@ impl Queries {
         let first = pixels.start;
         let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
             let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
-            while let Some(point) = path.trace_edge() {
-                let vertex = path.arrive(point);
+            loop {
+                let met = path.trace_edge();
+                let Some(vertex) = path.arrive(&met) else { break };
                 let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
-                let asks = at_lookup || settings.nested;
-                if asks {
+                let asked = vertex.surface().filter(|_| at_lookup || settings.nested);
+                let asks = asked.is_some();
+                if let Some(point) = asked {
                     let longest = if at_lookup { u32::MAX } else { 1 };
                     queries.push(Query {
-                        position: vertex.point.position,
+                        position: point.position,
                         direction: vertex.wo,
-                        normal: vertex.point.geometric_normal,
+                        normal: point.geometric_normal,
                         throughput: vertex.beta,
                         camera_edges: vertex.edges,
                         limit: count_edges((max_edges - vertex.edges).min(longest)),

@@ -49,10 +49,11 @@ pub(super) struct Query {
     pub(super) radiance: Spectrum,
 }
 
-/// Whether camera paths look the map up at a vertex.
+/// Whether camera paths look the map up at a vertex: at the one with this number, or, where that lies in a medium, at the first on a surface
+/// after it.
 pub(super) fn is_lookup(lookup: LookupVertex, vertex: &Vertex) -> bool {
     match lookup {
-        LookupVertex::Fixed(k) => vertex.edges == k,
+        LookupVertex::Fixed(k) => vertex.edges >= k && vertex.surface().is_some(),
         LookupVertex::Auto => is_automatic_lookup(vertex),
     }
 }

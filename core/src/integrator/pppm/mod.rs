@@ -69,8 +69,8 @@ struct Photon {
 }
 
 /// Radiance wanted from photons at a camera vertex.
-struct Query {
-    vertex: Vertex,
+struct Query<'s> {
+    vertex: Vertex<'s>,
     /// Index of the pixel, from the top left.
     pixel: u32,
     /// Most edges of a light path that counts.
@@ -132,21 +132,21 @@ pub(super) fn gather_image(
 }
 
 /// Traces the camera paths of a range of pixels: the sum of what each pixel's paths find without photons, and their queries.
-fn trace_queries(
-    job: &Job,
+fn trace_queries<'a>(
+    job: &Job<'a>,
     settings: &PppmSettings,
     pixels: Range<usize>,
     observer: &dyn Observer,
     counts: &mut Counts,
-) -> Result<(Vec<Spectrum>, Vec<Vec<Query>>), RenderError> {
+) -> Result<(Vec<Spectrum>, Vec<Vec<Query<'a>>>), RenderError> {
     let max_edges = edge_limit(settings.max_depth);
     trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
         let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
         loop {
-            let Some(point) = path.trace_edge() else {
+            let met = path.trace_edge();
+            let Some(vertex) = path.arrive(&met) else {
                 break path.radiance;
             };
-            let vertex = path.arrive(point);
             let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
             path.add_next_event(&vertex);
             let scattered = path.go_on(&vertex);
@@ -186,7 +186,7 @@ fn map_photons(
         let vertex = arrival.vertex;
         if (vertex.edges >= 2 || arrival.is_found_alone) && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
             photons.push(Point {
-                position: vertex.point.position,
+                position: vertex.position(),
                 payload: Photon {
                     wi: vertex.wo,
                     flux: vertex.beta,
@@ -209,7 +209,7 @@ fn read(
     observer: &dyn Observer,
 ) -> Result<Vec<Vec<Found>>, RenderError> {
     let disc = |query: &Query| {
-        let position = query.vertex.point.position;
+        let position = query.vertex.position();
         (position, radius_at((discs.radius_of)(query.pixel as usize), position))
     };
     let found = map.answer(

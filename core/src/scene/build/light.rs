@@ -5,7 +5,7 @@ use super::texture::{Role, light_colour};
 use super::{Builder, uniform_scale};
 use crate::light::{Even, Falloff, Light};
 use crate::math::{AnimatedTransform, Transform, Vec3};
-use crate::scene::description::ObjectId;
+use crate::scene::description::{Kind, ObjectId};
 use crate::scene::error::SceneError;
 use crate::scene::mesh::LARGEST_COORDINATE;
 use crate::scene::reader::{NOT_NEGATIVE, POSITIVE, Reader};
@@ -191,6 +191,8 @@ fn projected_power(image: &Bitmap, fov_x: f32) -> f32 {
 
 /// Accepts `sampling_weight`: lights are chosen by power, and the weight does not change what is estimated.
 pub(super) fn check_sampling_weight(reader: &Reader) -> Result<(), SceneError> {
+    // The medium that a light is in follows from the shapes about it.
+    reader.children(Kind::Medium);
     reader.float("sampling_weight", POSITIVE).map(|_| ())
 }
 

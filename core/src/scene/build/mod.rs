@@ -10,6 +10,7 @@ mod light;
 mod light_image;
 mod lobes;
 mod material;
+mod medium;
 mod sensor;
 mod shape;
 mod texture;
@@ -25,6 +26,7 @@ use crate::geometry::{Geometry, Shape, ShapeGroup, ShapeId, ShapeSampler};
 use crate::light::{Light, LightId, Lights};
 use crate::material::Material;
 use crate::math::{AnimatedTransform, Transform};
+use crate::medium::{Medium, MediumId};
 use crate::motion::Motion;
 use crate::spectrum::Spectrum;
 use crate::texture::{Bitmap, TileFile};
@@ -70,6 +72,13 @@ pub(crate) fn build(
         description.attempt(shape.target, built)?;
     }
     builder.check_groups();
+    for medium in scene.children(Kind::Medium) {
+        builder.medium(medium.target)?;
+    }
+    // The volumes and phase functions of media, where these refer to them.
+    for kind in [Kind::Volume, Kind::Phase] {
+        scene.children(kind);
+    }
     for emitter in scene.children(Kind::Emitter) {
         let built = builder.emitter(emitter.target);
         description.attempt(emitter.target, built)?;
@@ -134,6 +143,11 @@ struct Builder<'b, 'f> {
     motion: Motion,
     /// The attributes of the mesh whose material is built.
     attributes: MeshAttributes,
+    media: Vec<Medium>,
+    /// Media that were built, by the object that describes them; `None` where it has a fault.
+    media_of: BTreeMap<ObjectId, Option<MediumId>>,
+    /// Bytes of volumes.
+    voxels: u64,
     /// Materials that were built, by the object that describes them.
     material_of: BTreeMap<ObjectId, u32>,
     /// The material of shapes that name none.
@@ -182,6 +196,9 @@ impl<'b, 'f> Builder<'b, 'f> {
             placing: None,
             motion: Motion::default(),
             attributes: MeshAttributes::default(),
+            media: Vec::new(),
+            media_of: BTreeMap::new(),
+            voxels: 0,
             material_of: BTreeMap::new(),
             default_material: None,
             building: Vec::new(),
@@ -273,7 +290,11 @@ impl<'b, 'f> Builder<'b, 'f> {
         );
         self.called.objects.push(name);
         self.shapes.push(shape);
-        self.bindings.push(ShapeBinding { material, light: None });
+        self.bindings.push(ShapeBinding {
+            material,
+            light: None,
+            boundary: None,
+        });
         ShapeId(self.shapes.len() as u32 - 1)
     }
 
@@ -332,6 +353,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             mut sensor,
             film,
             whole,
+            medium,
             ..
         } = view;
         let meter = match self.metered {
@@ -350,11 +372,16 @@ impl<'b, 'f> Builder<'b, 'f> {
         for warning in warnings {
             self.warn(&warning.place, warning.message);
         }
+        let camera_medium = match medium {
+            Some(medium) => self.medium(medium)?,
+            None => None,
+        };
         let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
-        Ok(Scene {
+        let mut scene = Scene {
             geometry: Arc::new(geometry),
             bindings: self.bindings.into_iter().chain(self.group_bindings).collect(),
             materials: self.materials.into(),
+            media: None,
             lights,
             lamps: self.lamps.into(),
             names: Arc::new(self.called),
@@ -376,7 +403,9 @@ impl<'b, 'f> Builder<'b, 'f> {
             motion: (!self.motion.is_empty()).then_some(self.motion),
             small_lamp,
             tiles: self.tiles,
-        })
+        };
+        scene.settle_media(self.media, camera_medium);
+        Ok(scene)
     }
 }
 

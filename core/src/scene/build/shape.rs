@@ -136,6 +136,7 @@ impl Builder<'_, '_> {
         let flip = reader.boolean("flip_normals", false)?;
         let bsdf = reader.only_child(Kind::Bsdf)?;
         let emitter = reader.only_child(Kind::Emitter)?;
+        let boundary = self.boundary(reader)?;
         // What measures the light that arrives here is read with the scene's sensors.
         reader.children(Kind::Sensor);
         let children = [bsdf, emitter].into_iter().flatten();
@@ -180,6 +181,7 @@ impl Builder<'_, '_> {
             Some(to_world) => self.add_moving_shape(reader, shape, to_world, material)?,
             None => self.add_shape(reader.id, shape, material),
         };
+        self.bound(boundary);
         if metered && let Some((_, found)) = &mut self.metered {
             *found = Some(shape);
         }

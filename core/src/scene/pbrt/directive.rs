@@ -328,10 +328,9 @@ impl Reading<'_, '_> {
     }
 
     fn media_are_left_out(&self, place: &Place, word: &str) {
-        if let Some(without) = Kind::Medium.left_out() {
-            self.warnings
-                .note(place, format!("{word}: media are left out: {without}"));
-        }
+        let without = "space is empty, and light is neither scattered nor absorbed on its way";
+        self.warnings
+            .note(place, format!("{word}: media are left out: {without}"));
     }
 
     fn transform_directive(&mut self, word: &str, place: &Place, tokens: &mut Tokens) -> Result<(), SceneError> {

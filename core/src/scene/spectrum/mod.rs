@@ -15,6 +15,8 @@ pub(crate) enum Use {
     Emission,
     /// An optical constant: seen under D65, without an upper bound.
     Constant,
+    /// How much a medium does along a length: as a constant, but in any unit of length.
+    Coefficient,
 }
 
 /// The brightest light: beyond it power and its squares leave single precision.
@@ -56,14 +58,21 @@ pub(crate) fn to_rgb(colour: &Colour, used: Use) -> Result<Spectrum, String> {
             "{rgb:?} is above 1: more light would leave the surface than arrives{advice}"
         ));
     }
-    if used == Use::Emission && rgb.iter().any(|channel| *channel > BRIGHTEST) {
-        return Err(format!("{rgb:?} is above {BRIGHTEST:e}"));
-    }
-    if used == Use::Constant && rgb.iter().any(|channel| *channel > LARGEST_CONSTANT) {
-        return Err(format!("{rgb:?} is above {LARGEST_CONSTANT:e}"));
+    let greatest = greatest(used);
+    if rgb.iter().any(|channel| *channel > greatest) {
+        return Err(format!("{rgb:?} is above {greatest:e}"));
     }
     let rgb = Spectrum::from_rgb(rgb.map(|channel| channel as f32));
     Ok(rgb)
+}
+
+/// The greatest value of a use.
+pub(crate) fn greatest(used: Use) -> f64 {
+    match used {
+        Use::Reflectance => 1.0,
+        Use::Constant => LARGEST_CONSTANT,
+        Use::Emission | Use::Coefficient => BRIGHTEST,
+    }
 }
 
 /// Whether the channels of a reflectance look like bytes, 0 to 255.

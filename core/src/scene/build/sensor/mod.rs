@@ -43,6 +43,8 @@ pub(super) struct View {
     pub(super) whole: Option<Box<Sensor>>,
     /// The shape that the sensor measures the irradiance of, where that is no grid on a rectangle.
     pub(super) meter: Option<ObjectId>,
+    /// The medium that the camera is in, where the scene says it.
+    pub(super) medium: Option<ObjectId>,
     /// Samples per pixel, where the scene says them.
     pub(super) sample_count: Option<u32>,
 }
@@ -135,6 +137,7 @@ pub(super) fn default_view(geometry: &Geometry) -> View {
         film,
         whole: None,
         meter: None,
+        medium: None,
         sample_count: None,
     }
 }
@@ -208,6 +211,7 @@ pub(super) fn build(
         ("radiancemeter", None) => radiance_meter(&reader, &film)?,
         _ => camera(&reader, plugin, film.whole)?,
     };
+    let medium = reader.only_child(Kind::Medium)?.map(|child| child.target);
     reader.finish();
     let (sensor, whole) = match film.is_whole() {
         true => (sensor, None),
@@ -218,6 +222,7 @@ pub(super) fn build(
         sensor,
         whole,
         meter: shape.filter(|shape| !is_grid(shape)),
+        medium,
         film: FilmSettings {
             resolution: film.size,
             // A meter's pixels are places of their own.

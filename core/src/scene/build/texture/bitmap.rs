@@ -7,7 +7,7 @@ use crate::scene::error::SceneError;
 use crate::scene::image;
 use crate::scene::linear_image::{Channel, Encoding, Reading};
 use crate::scene::reader::{ANY, Reader};
-use crate::scene::spectrum::{BRIGHTEST, LARGEST_CONSTANT, Use};
+use crate::scene::spectrum::{Use, greatest};
 use crate::texture::{Bitmap, Texels, Texture, TextureFilter, TileFile, WrapMode};
 use std::sync::Arc;
 
@@ -72,10 +72,11 @@ impl Builder<'_, '_> {
             let message = "it takes the sRGB values of this image as linear, so that its colours come out too light; leave it out";
             reader.warn_of(written, message);
         }
-        let (limit, what) = match role.used {
-            Use::Reflectance => (1.0, "reflectances"),
-            Use::Emission => (BRIGHTEST, "lights"),
-            Use::Constant => (LARGEST_CONSTANT, "numbers from textures"),
+        let limit = greatest(role.used);
+        let what = match role.used {
+            Use::Reflectance => "reflectances",
+            Use::Emission => "lights",
+            Use::Constant | Use::Coefficient => "numbers from textures",
         };
         let brightest = bitmap.texels.brightest();
         if f64::from(brightest) > limit {

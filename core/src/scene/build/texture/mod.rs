@@ -9,7 +9,7 @@ use super::Builder;
 use crate::scene::description::{Kind, ObjectId, Property, SpectrumValue, Value};
 use crate::scene::error::{SceneError, within};
 use crate::scene::reader::{Colour, Reader};
-use crate::scene::spectrum::{BRIGHTEST, LARGEST_CONSTANT, Use, is_of_bytes, to_rgb};
+use crate::scene::spectrum::{Use, greatest, is_of_bytes, to_rgb};
 use crate::spectrum::Spectrum;
 use crate::texture::{Pattern, Texture};
 use std::collections::BTreeMap;
@@ -56,11 +56,7 @@ impl Role {
 
     /// Its largest value.
     pub(super) fn most(self) -> f32 {
-        match self.used {
-            Use::Reflectance => 1.0,
-            Use::Emission => BRIGHTEST as f32,
-            Use::Constant => LARGEST_CONSTANT as f32,
-        }
+        greatest(self.used) as f32
     }
 }
 

@@ -1,0 +1,50 @@
+//! Quantities that vary in space.
+
+use super::grid::{Grid, Interpolation};
+use crate::math::{DVec3, Transform, Vec3};
+use crate::spectrum::Spectrum;
+use std::sync::Arc;
+
+/// A quantity at every place.
+#[derive(Clone, Debug)]
+pub enum Volume {
+    /// The same everywhere.
+    Constant(Spectrum),
+    /// That of a lattice.
+    Grid(Box<GridVolume>),
+}
+
+/// A lattice in the world.
+#[derive(Clone, Debug)]
+pub struct GridVolume {
+    /// Its values.
+    pub grid: Arc<Grid>,
+    /// From the world to the unit cube that the lattice fills.
+    pub to_local: Transform,
+    /// Between the middles of voxels.
+    pub interpolation: Interpolation,
+    /// Factor on the values.
+    pub factor: Spectrum,
+}
+
+impl Volume {
+    /// The value at a place in the world.
+    pub(super) fn at(&self, place: Vec3) -> Spectrum {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Grid(volume) => volume.at(volume.to_voxels(volume.to_local.matrix().transform_point3(place.as_dvec3()))),
+        }
+    }
+}
+
+impl GridVolume {
+    /// From the unit cube to voxels.
+    pub(super) fn to_voxels(&self, local: DVec3) -> DVec3 {
+        local * self.grid.extent().as_dvec3()
+    }
+
+    /// The value at a place in terms of voxels.
+    pub(super) fn at(&self, place: DVec3) -> Spectrum {
+        self.grid.at(place, self.interpolation) * self.factor
+    }
+}
