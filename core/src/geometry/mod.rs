@@ -20,8 +20,8 @@ use crate::math::{DVec3, Frame, Transform, Vec2, Vec3};
 use hierarchy::{EXACT_ORIGINS, Hierarchy};
 pub use instance::ShapeGroup;
 pub use sampling::{ShapeSampler, TowardsSample};
-pub(crate) use surface::SHADOW_GAP;
 use std::sync::Arc;
+pub(crate) use surface::SHADOW_GAP;
 
 /// A ray; `direction` is unit length. Hits with distance in `(0, max_distance)` count: the origin has already been
 /// moved off its surface (see [`SurfacePoint::ray_towards`]).

@@ -110,7 +110,10 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         if f.is_black() {
             return f;
         }
-        let passed = self.tracer.transmittance(&vertex.way_to(light.wi, light.distance), self.random).share;
+        let passed = self
+            .tracer
+            .transmittance(&vertex.way_to(light.wi, light.distance), self.random)
+            .share;
         if passed.is_black() {
             return passed;
         }
@@ -119,7 +122,11 @@ impl<'t, 'a> CameraPath<'t, 'a> {
             let beta = self.walk.carried.beta_of_connection(passed, found / light.pdf);
             return beta * (f * passed * light.radiance * (vertex.cos_shading(light.wi) / light.pdf));
         }
-        let share = if light.delta { 1.0 } else { power_heuristic(light.pdf, found) };
+        let share = if light.delta {
+            1.0
+        } else {
+            power_heuristic(light.pdf, found)
+        };
         vertex.beta * (f * passed * light.radiance * (vertex.cos_shading(light.wi) * share / light.pdf))
     }
 
@@ -156,7 +163,8 @@ impl Found {
             Self::WithShare { from, pdf } => Some((*from, *pdf)),
         };
         let lights = &scene.lights;
-        let weighted = |radiance: Spectrum, connected: &dyn Fn(Vec3) -> f32| match from.filter(|_| !radiance.is_black()) {
+        let weighted = |radiance: Spectrum, connected: &dyn Fn(Vec3) -> f32| match from.filter(|_| !radiance.is_black())
+        {
             None => walk.carried.beta() * radiance,
             Some((from, pdf)) if scene.media.is_some() => {
                 walk.carried.beta_beside_connection(connected(from) / pdf) * radiance
@@ -181,7 +189,9 @@ impl Found {
 #[inline(never)]
 fn surroundings(lights: &Lights, ray: &Ray, weighted: impl Fn(Spectrum, &dyn Fn(Vec3) -> f32) -> Spectrum) -> Spectrum {
     let found = lights.beyond(ray).map(|beyond| {
-        weighted(beyond.radiance(ray.direction), &|from| beyond.pdf_direct(from, ray.direction))
+        weighted(beyond.radiance(ray.direction), &|from| {
+            beyond.pdf_direct(from, ray.direction)
+        })
     });
     found.sum()
 }

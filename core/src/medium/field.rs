@@ -133,11 +133,16 @@ impl BrickWalk {
         let along = volume.grid.bricks_along();
         let edge = f64::from(BRICK);
         let entry = origin + direction * start;
-        let brick: [usize; 3] = std::array::from_fn(|axis| ((entry[axis] / edge).max(0.0) as usize).min(along[axis] - 1));
+        let brick: [usize; 3] =
+            std::array::from_fn(|axis| ((entry[axis] / edge).max(0.0) as usize).min(along[axis] - 1));
         let leaves = std::array::from_fn(|axis| {
             let way = direction[axis];
             let side = brick[axis] + usize::from(way > 0.0);
-            if way == 0.0 { f64::INFINITY } else { (side as f64 * edge - origin[axis]) / way }
+            if way == 0.0 {
+                f64::INFINITY
+            } else {
+                (side as f64 * edge - origin[axis]) / way
+            }
         });
         Some(Self {
             origin,
@@ -159,7 +164,13 @@ impl BrickWalk {
         }
         let [x, y, z] = self.brick;
         let number = (z * self.along[1] + y) * self.along[0] + x;
-        let axis = (0..3).fold(0, |nearest, axis| if self.leaves[axis] < self.leaves[nearest] { axis } else { nearest });
+        let axis = (0..3).fold(0, |nearest, axis| {
+            if self.leaves[axis] < self.leaves[nearest] {
+                axis
+            } else {
+                nearest
+            }
+        });
         let start = self.at;
         self.at = self.leaves[axis].clamp(start, self.end);
         self.done = self.leaves[axis] >= self.end || !self.step_along(axis);

@@ -133,7 +133,8 @@ impl Grid {
         let place = (place - DVec3::splat(0.5)).to_array();
         let lower = place.map(f64::floor);
         let share: [f32; 3] = std::array::from_fn(|axis| (place[axis] - lower[axis]) as f32);
-        let ends: [[u32; 2]; 3] = std::array::from_fn(|axis| [clamped(axis, lower[axis]), clamped(axis, lower[axis] + 1.0)]);
+        let ends: [[u32; 2]; 3] =
+            std::array::from_fn(|axis| [clamped(axis, lower[axis]), clamped(axis, lower[axis] + 1.0)]);
         let along = |axis: usize, first: Spectrum, second: Spectrum| first * (1.0 - share[axis]) + second * share[axis];
         let row = |y: u32, z: u32| along(0, self.voxel([ends[0][0], y, z]), self.voxel([ends[0][1], y, z]));
         let face = |z: u32| along(1, row(ends[1][0], z), row(ends[1][1], z));
@@ -146,7 +147,11 @@ impl Grid {
         let mut greatest = vec![0.0_f32; self.bricks.len()];
         // A voxel counts for the bricks that hold it or lie next to it.
         for (brick, place) in self.bricks.iter().enumerate().filter(|(_, place)| **place != NONE) {
-            let origin = [brick % along[0], brick / along[0] % along[1], brick / along[0] / along[1]];
+            let origin = [
+                brick % along[0],
+                brick / along[0] % along[1],
+                brick / along[0] / along[1],
+            ];
             let values = &self.values[*place as usize * VOXELS * self.channels..][..VOXELS * self.channels];
             for (offset, value) in values.chunks(self.channels).enumerate() {
                 let value = value.iter().fold(0.0_f32, |most, value| most.max(*value));
@@ -268,7 +273,8 @@ mod tests {
             let corner = [brick % 64, brick / 64 % 64, brick / 4096].map(|c| c * BRICK);
             for offset in 0..512 {
                 let voxel = [offset % 8, offset / 8 % 8, offset / 64];
-                grid.set(std::array::from_fn(|axis| corner[axis] + voxel[axis]), &[1.0]).unwrap();
+                grid.set(std::array::from_fn(|axis| corner[axis] + voxel[axis]), &[1.0])
+                    .unwrap();
                 active += 1;
             }
         }

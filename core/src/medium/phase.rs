@@ -37,7 +37,10 @@ impl Phase {
             }
             Self::Rayleigh => 3.0 / 16.0 * FRAC_1_PI * (1.0 + sqr(cosine)),
             Self::Tabulated(table) => table.pdf(cosine),
-            Self::Mixture(parts) => parts.iter().map(|(weight, phase)| weight * phase.of_cosine(cosine)).sum(),
+            Self::Mixture(parts) => parts
+                .iter()
+                .map(|(weight, phase)| weight * phase.of_cosine(cosine))
+                .sum(),
         }
     }
 
@@ -137,7 +140,11 @@ impl PhaseTable {
         // The root of first x + (last - first) x^2 / 2 = share (first + last) / 2, without cancellation.
         let area = 0.5 * (first + last) * share;
         let root = (first * first + 2.0 * (last - first) * area).max(0.0).sqrt();
-        let within = if first + root > 0.0 { 2.0 * area / (first + root) } else { 0.0 };
+        let within = if first + root > 0.0 {
+            2.0 * area / (first + root)
+        } else {
+            0.0
+        };
         ((piece as f64 + within.clamp(0.0, 1.0)) * 2.0 / pieces as f64 - 1.0) as f32
     }
 }
@@ -203,7 +210,14 @@ mod tests {
 
     #[test]
     fn tables_without_a_density_are_refused() {
-        for values in [&[][..], &[1.0], &[0.0, 0.0], &[1.0, -1.0], &[f64::NAN, 1.0], &[f64::INFINITY, 1.0]] {
+        for values in [
+            &[][..],
+            &[1.0],
+            &[0.0, 0.0],
+            &[1.0, -1.0],
+            &[f64::NAN, 1.0],
+            &[f64::INFINITY, 1.0],
+        ] {
             assert!(PhaseTable::new(values).is_none(), "{values:?}");
         }
     }

@@ -40,7 +40,14 @@ impl Scene {
                 let about = self.media_about(point, media.lights[light.0 as usize]);
                 // On the inner side of a light that shines on both, the normal is turned; that of the frame is not.
                 let turned = point.geometric_normal.dot(point.frame.n) < 0.0;
-                about.towards(start.ray.direction, if turned { -point.geometric_normal } else { point.geometric_normal })
+                about.towards(
+                    start.ray.direction,
+                    if turned {
+                        -point.geometric_normal
+                    } else {
+                        point.geometric_normal
+                    },
+                )
             }
             Origin::Normals(light) | Origin::Point(light) => media.lights[light.0 as usize],
             Origin::Directional | Origin::Background | Origin::Portal(_) => media.around,
@@ -54,9 +61,15 @@ impl Scene {
             return;
         }
         let [width, height] = self.sensor.resolution.map(|size| size as f32);
-        let eye = self.camera_ray(Vec2::new(0.5 * width, 0.5 * height), Vec2::splat(0.5)).ray.origin;
+        let eye = self
+            .camera_ray(Vec2::new(0.5 * width, 0.5 * height), Vec2::splat(0.5))
+            .ray
+            .origin;
         let about_camera = self.medium_at(eye);
-        let around = self.medium_around().or(about_camera.is_none().then_some(named)).flatten();
+        let around = self
+            .medium_around()
+            .or(about_camera.is_none().then_some(named))
+            .flatten();
         let camera = named.or(about_camera.unwrap_or(around));
         let place = |light: usize| self.lights.a_place(&self.geometry, light);
         let lights = (0..self.lamps.len()).map(|light| match place(light) {
@@ -83,7 +96,8 @@ impl Scene {
         let (lower, upper) = self.geometry.bounds();
         let (middle, size) = (0.5 * (lower + upper), (upper - lower).length());
         let axes = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
-        axes.into_iter().find_map(|axis| self.medium_along(middle + axis * size, -axis))
+        axes.into_iter()
+            .find_map(|axis| self.medium_along(middle + axis * size, -axis))
     }
 
     fn medium_along(&self, origin: Vec3, direction: Vec3) -> Option<Option<MediumId>> {

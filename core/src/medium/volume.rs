@@ -32,7 +32,9 @@ impl Volume {
     pub(super) fn at(&self, place: Vec3) -> Spectrum {
         match self {
             Self::Constant(value) => *value,
-            Self::Grid(volume) => volume.at(volume.to_voxels(volume.to_local.matrix().transform_point3(place.as_dvec3()))),
+            Self::Grid(volume) => {
+                volume.at(volume.to_voxels(volume.to_local.matrix().transform_point3(place.as_dvec3())))
+            }
         }
     }
 }

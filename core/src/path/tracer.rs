@@ -116,7 +116,10 @@ impl<'a> Tracer<'a> {
                 }
             }
             let Some(point) = hit else { return passed };
-            medium = self.scene.media_about(&point, medium).towards(ray.direction, point.geometric_normal);
+            medium = self
+                .scene
+                .media_about(&point, medium)
+                .towards(ray.direction, point.geometric_normal);
             length -= point.distance;
             ray = Ray {
                 max_distance: ray.max_distance - point.distance,

@@ -140,7 +140,10 @@ impl Walk {
     pub(crate) fn pass(&mut self, tracer: &mut Tracer, met: &Met, random: &mut PathRandom) -> Option<Met> {
         tracer.scene.media.as_ref()?;
         let point = met.surface().filter(|point| tracer.scene.is_passed(point))?;
-        self.medium = tracer.scene.media_about(point, self.medium).towards(self.ray.direction, point.geometric_normal);
+        self.medium = tracer
+            .scene
+            .media_about(point, self.medium)
+            .towards(self.ray.direction, point.geometric_normal);
         self.passed += point.distance;
         let max_distance = self.ray.max_distance - point.distance;
         self.ray = Ray {

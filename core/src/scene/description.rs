@@ -7,6 +7,7 @@ use super::mesh::RawMesh;
 use super::warning::Warnings;
 use crate::light::Portal;
 use crate::math::{AnimatedTransform, Transform};
+use crate::medium::Grid;
 use glam::DVec3;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -233,6 +234,8 @@ pub(crate) enum Value {
     Animation(AnimatedTransform),
     /// The triangles of a shape of type `mesh`, which other formats hold in the scene file itself.
     Mesh(SharedMesh),
+    /// The lattice of a volume that a scene file holds itself, as scene files of pbrt do.
+    Grid(Arc<Grid>),
     /// What a light at infinity shines through, which scene files of pbrt have alone.
     Portal(Portal),
     /// A file in place of its name, where the scene file holds its content.
@@ -252,6 +255,7 @@ impl Value {
             Self::Transform(_) => "transform",
             Self::Animation(_) => "animation",
             Self::Mesh(_) => "mesh",
+            Self::Grid(_) => "grid",
             Self::Portal(_) => "portal",
             Self::File(_) => "file",
         }

@@ -5,11 +5,13 @@ use super::error::{Place, SceneError, did_you_mean, list, nearest, shortened};
 use super::loader::LoadedFile;
 use crate::light::Portal;
 use crate::math::{AnimatedTransform, Transform};
+use crate::medium::Grid;
 use glam::DVec3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 /// Reads one object. Every property and child must be asked for before [`Reader::finish`].
 pub(crate) struct Reader<'d> {
@@ -275,6 +277,15 @@ impl<'d> Reader<'d> {
             }) => Ok(Some(mesh)),
             Some(property) => self.left_out(self.mismatch(name, property, "mesh")),
         }
+    }
+
+    /// The lattice that the property `name` holds, where it holds one: no format but pbrt's has the property.
+    pub(crate) fn grid(&self, name: &str) -> Option<Arc<Grid>> {
+        let Value::Grid(grid) = &self.object.properties.get(name)?.value else {
+            return None;
+        };
+        self.accept(&[name]);
+        Some(grid.clone())
     }
 
     /// The portal that the property `name` holds, where it holds one: no format but pbrt's has the property.

@@ -26,7 +26,10 @@ pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<
     let broken = |reason: String| SceneError::data(&place, format!("broken grid volume: {reason}"));
     let bytes = &file.bytes[..];
     if bytes.len() < HEADER {
-        return Err(broken(format!("{} bytes, fewer than the {HEADER} of its header", bytes.len())));
+        return Err(broken(format!(
+            "{} bytes, fewer than the {HEADER} of its header",
+            bytes.len()
+        )));
     }
     if &bytes[..3] != b"VOL" || bytes[3] != 3 {
         return Err(broken("it does not begin with `VOL` and version 3".into()));
@@ -39,7 +42,9 @@ pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<
         FLOAT16 => 2,
         BYTES => 1,
         other => {
-            let reason = format!("values of type {other}; those of types 1, 2 and 3 are read: floats of 32 and 16 bits, and bytes");
+            let reason = format!(
+                "values of type {other}; those of types 1, 2 and 3 are read: floats of 32 and 16 bits, and bytes"
+            );
             return Err(broken(reason));
         }
     };
@@ -58,9 +63,16 @@ pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<
     let expected = voxels * channels as u64 * width;
     let data = &bytes[HEADER..];
     if (data.len() as u64) < expected {
-        return Err(broken(format!("{} bytes of values, not the {expected} of {x} x {y} x {z}", data.len())));
+        return Err(broken(format!(
+            "{} bytes of values, not the {expected} of {x} x {y} x {z}",
+            data.len()
+        )));
     }
-    let corner = |first: usize| DVec3::from_array(std::array::from_fn(|axis| f64::from(f32::from_le_bytes(word(first + axis)))));
+    let corner = |first: usize| {
+        DVec3::from_array(std::array::from_fn(|axis| {
+            f64::from(f32::from_le_bytes(word(first + axis)))
+        }))
+    };
     let bounds = [corner(6), corner(9)];
     let memory = |_| SceneError::data(&place, "memory does not hold the volume");
     let mut grid = Grid::new([x, y, z], channels > 1).map_err(memory)?;

@@ -57,7 +57,9 @@ impl<'a> Estimator<'a> {
             if edges == self.plan.max_edges {
                 break;
             }
-            let Some(vertex) = walk.arrive(tracer.scene, &met) else { break };
+            let Some(vertex) = walk.arrive(tracer.scene, &met) else {
+                break;
+            };
             let distance = walk.length(&met);
             let distance2 = match edges {
                 1 if sensor.parallel => 1.0,
@@ -109,7 +111,8 @@ impl<'a> Estimator<'a> {
         // Nothing connects a light with the lens directly.
         let connections = if edges == 1 { 0.0 } else { self.light_edges.first };
         let share = |connected: f32, emitted: f32| {
-            let others = connections * connected * partial.edge / walk.expected_transmittance + emitted * partial.before;
+            let others =
+                connections * connected * partial.edge / walk.expected_transmittance + emitted * partial.before;
             self.share(others)
         };
         if met.is_nothing() {

@@ -55,7 +55,11 @@ impl<'s> LightPaths<'s> {
 
 impl<'a> Estimator<'a> {
     /// Traces all light paths on the current rayon pool.
-    pub(super) fn trace_light(&self, observer: &dyn Observer, counts: &mut Counts) -> Result<LightPaths<'a>, RenderError> {
+    pub(super) fn trace_light(
+        &self,
+        observer: &dyn Observer,
+        counts: &mut Counts,
+    ) -> Result<LightPaths<'a>, RenderError> {
         let paths = light_paths::LightPaths {
             sequence: self.job.light_sequence(self.plan.light_paths),
             range: 0..self.plan.light_paths,
@@ -97,7 +101,8 @@ impl<'a> Estimator<'a> {
             if self.uses(edges + 1, 0) && walk.states & scene.states_at_camera() != 0 {
                 let mut random = self.lens_random(path, edges);
                 if let Some((seen, passed)) = hit_lens(tracer, way, &met, parallel, &mut random) {
-                    let value = carried * passed.share * self.lens_share(&seen, partial, edges, parallel, passed.expected);
+                    let value =
+                        carried * passed.share * self.lens_share(&seen, partial, edges, parallel, passed.expected);
                     self.splat(&seen, value, &mut random, out);
                 }
             }
@@ -202,10 +207,9 @@ impl<'a> Estimator<'a> {
             self.light_edges.of(vertex.edges),
             self.merges_at(vertex),
         );
-        let hits_lens = seen
-            .pdf
-            .pdf_lens
-            .map_or(0.0, |pdf_lens| pdf * passed.expected * seen.pdf.cos / (sqr(seen.distance) * pdf_lens));
+        let hits_lens = seen.pdf.pdf_lens.map_or(0.0, |pdf_lens| {
+            pdf * passed.expected * seen.pdf.cos / (sqr(seen.distance) * pdf_lens)
+        });
         let camera_paths = self.plan.samples as f32 / self.plan.light_paths as f32;
         let share = self.share(more_camera * camera_paths + hits_lens);
         let value = vertex.beta * f * (pdf_area * share);
@@ -259,6 +263,8 @@ fn hit_lens(
         true => tracer.intersect_from_camera(&way.ray).map(|point| point.distance),
         false => met.surface().map(|point| point.distance),
     };
-    let seen = scene.sensor.hit_lens(&way.ray, free.unwrap_or(f32::INFINITY), parallel)?;
+    let seen = scene
+        .sensor
+        .hit_lens(&way.ray, free.unwrap_or(f32::INFINITY), parallel)?;
     Some((seen, Passed::ALL))
 }

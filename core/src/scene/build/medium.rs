@@ -3,7 +3,9 @@
 use super::Builder;
 use super::texture::colour;
 use crate::math::Transform;
-use crate::medium::{Boundary, Extinction, Field, GridVolume, Interpolation, Medium, MediumId, Phase, PhaseTable, Volume};
+use crate::medium::{
+    Boundary, Extinction, Field, GridVolume, Interpolation, Medium, MediumId, Phase, PhaseTable, Volume,
+};
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::{SceneError, within};
 use crate::scene::reader::{NOT_NEGATIVE, Reader};
@@ -57,7 +59,12 @@ impl Builder<'_, '_> {
             return Ok(*id);
         }
         let reader = self.reader(object);
-        within(reader.place(), "number of media", self.media.len() as u64 + 1, MOST_MEDIA)?;
+        within(
+            reader.place(),
+            "number of media",
+            self.media.len() as u64 + 1,
+            MOST_MEDIA,
+        )?;
         let built = self.new_medium(&reader);
         let medium = self.description.attempt(object, built)?;
         let id = medium.map(|medium| {
@@ -78,7 +85,15 @@ impl Builder<'_, '_> {
             None => Phase::Isotropic,
         };
         // How Mitsuba samples a medium is not what it looks like.
-        reader.accept(&["sample_emitters", "has_spectral_extinction", "strategy", "method", "step_size", "majorant_resolution_factor", "majorant_grid"]);
+        reader.accept(&[
+            "sample_emitters",
+            "has_spectral_extinction",
+            "strategy",
+            "method",
+            "step_size",
+            "majorant_resolution_factor",
+            "majorant_grid",
+        ]);
         let (extinction, albedo) = match self.coefficients(reader)? {
             Some((sigma_s, sigma_a)) => {
                 let sigma_t = sigma_s + sigma_a;
@@ -86,7 +101,10 @@ impl Builder<'_, '_> {
             }
             None => {
                 let extinction = self.first_volume(reader, &["sigma_t", "density"], Use::Coefficient, 1.0)?;
-                (extinction, self.first_volume(reader, &["albedo"], Use::Reflectance, 0.75)?)
+                (
+                    extinction,
+                    self.first_volume(reader, &["albedo"], Use::Reflectance, 0.75)?,
+                )
             }
         };
         let emission = self.first_volume(reader, &["emission"], Use::Emission, 0.0)?;
@@ -141,7 +159,9 @@ impl Builder<'_, '_> {
                 reader.finish();
                 Ok(Volume::Constant(value))
             }
-            "gridvolume" => self.grid_volume(&reader, used).map(|volume| Volume::Grid(Box::new(volume))),
+            "gridvolume" => self
+                .grid_volume(&reader, used)
+                .map(|volume| Volume::Grid(Box::new(volume))),
             _ => {
                 reader.other_type(&VOLUMES, "its value is 1 everywhere")?;
                 Ok(Volume::Constant(Spectrum::ONE))
@@ -154,34 +174,53 @@ impl Builder<'_, '_> {
         let of_file = reader.boolean("use_grid_bbox", false)?;
         let interpolation = reader.choice(
             "filter_type",
-            &[("trilinear", Interpolation::Linear), ("nearest", Interpolation::Nearest)],
+            &[
+                ("trilinear", Interpolation::Linear),
+                ("nearest", Interpolation::Nearest),
+            ],
             Interpolation::Linear,
         )?;
         reader.accept(&["raw", "accel", "send_data"]);
-        if !reader.choice("wrap_mode", &[("clamp", true), ("repeat", false), ("mirror", false)], true)? {
+        if !reader.choice(
+            "wrap_mode",
+            &[("clamp", true), ("repeat", false), ("mirror", false)],
+            true,
+        )? {
             reader.warn_of("wrap_mode", "what lies around the grid has the value of its edge");
         }
+        let own = reader.grid("grid");
+        let factor = match own {
+            Some(_) => colour(reader, "factor", Use::Coefficient)?.unwrap_or(Spectrum::ONE),
+            None => Spectrum::ONE,
+        };
         reader.property("filename");
         reader.finish();
-        let file = self.file(reader)?;
-        let read = vol::read(&file, self.loader.limits, greatest(used))?;
-        self.voxels += read.grid.bytes();
-        within(reader.place(), "bytes of volumes", self.voxels, self.loader.limits.texture_bytes)?;
-        let own = match of_file {
-            true => {
+        let (grid, box_of_file) = match own {
+            Some(grid) => (grid, DMat4::IDENTITY),
+            None => {
+                let file = self.file(reader)?;
+                let read = vol::read(&file, self.loader.limits, greatest(used))?;
                 let [lower, upper] = read.bounds;
-                DMat4::from_translation(lower) * DMat4::from_scale(upper - lower)
+                (
+                    Arc::new(read.grid),
+                    DMat4::from_translation(lower) * DMat4::from_scale(upper - lower),
+                )
             }
-            false => DMat4::IDENTITY,
         };
-        let unit = Transform::from_matrix(own).ok_or_else(|| {
-            SceneError::data(&crate::scene::Place::whole(&file.name), "the box of the volume is empty")
-        })?;
+        self.voxels += grid.bytes();
+        within(
+            reader.place(),
+            "bytes of volumes",
+            self.voxels,
+            self.loader.limits.texture_bytes,
+        )?;
+        let unit = Transform::from_matrix(if of_file { box_of_file } else { DMat4::IDENTITY });
+        let unit = unit.ok_or_else(|| reader.wrong("use_grid_bbox", "the box that the file says is empty"))?;
         Ok(GridVolume {
-            grid: Arc::new(read.grid),
+            grid,
             to_local: to_world.after(&unit).inverted(),
             interpolation,
-            factor: Spectrum::ONE,
+            factor,
         })
     }
 
@@ -213,7 +252,10 @@ impl Builder<'_, '_> {
                 let weights = reader.numbers("weights")?.unwrap_or_default();
                 let sum: f64 = weights.iter().sum();
                 if weights.len() != parts.len() || weights.iter().any(|weight| *weight < 0.0) || sum <= 0.0 {
-                    let reason = format!("{} weights, none below 0 and not all 0, are needed for as many phase functions", parts.len());
+                    let reason = format!(
+                        "{} weights, none below 0 and not all 0, are needed for as many phase functions",
+                        parts.len()
+                    );
                     return Err(reader.wrong("weights", reason));
                 }
                 mixture(weights.iter().map(|weight| (weight / sum) as f32).zip(parts))
@@ -229,14 +271,18 @@ impl Builder<'_, '_> {
 
     fn parts(&mut self, reader: &Reader, left: usize) -> Result<Vec<Phase>, SceneError> {
         let children = reader.children(Kind::Phase);
-        children.iter().map(|child| self.phase(child.target, left - 1)).collect()
+        children
+            .iter()
+            .map(|child| self.phase(child.target, left - 1))
+            .collect()
     }
 
     fn tabulated(&mut self, reader: &Reader) -> Result<Phase, SceneError> {
-        let values = reader.numbers("values")?.ok_or_else(|| reader.missing("property `values`"))?;
-        let table = PhaseTable::new(&values).ok_or_else(|| {
-            reader.wrong("values", "at least two numbers are needed, none below 0 and not all 0")
-        })?;
+        let values = reader
+            .numbers("values")?
+            .ok_or_else(|| reader.missing("property `values`"))?;
+        let table = PhaseTable::new(&values)
+            .ok_or_else(|| reader.wrong("values", "at least two numbers are needed, none below 0 and not all 0"))?;
         Ok(Phase::Tabulated(Arc::new(table)))
     }
 }

@@ -25,6 +25,8 @@ struct Camera {
     parameters: Parameters,
     /// The map from the world to the camera, when the shutter opens and when it closes.
     from_world: [DMat4; 2],
+    /// The medium that it is in.
+    medium: Option<ObjectId>,
 }
 
 impl Default for Views {
@@ -64,6 +66,7 @@ impl Reading<'_, '_> {
                     kind,
                     parameters,
                     from_world,
+                    medium: self.state.interface.outside,
                 });
             }
             "Film" => {
@@ -120,6 +123,9 @@ impl Reading<'_, '_> {
         let sensor = self.add(Kind::Sensor, plugin, parameters);
         self.draft.link(0, None, sensor);
         self.draft.link(sensor, None, film);
+        if let Some(medium) = camera.medium {
+            self.draft.link(sensor, None, medium);
+        }
         self.sampler(sensor)?;
         let open = parameters.float_or("shutteropen", 0.0)?;
         let close = parameters.float_or("shutterclose", 1.0)?;

@@ -134,7 +134,10 @@ impl Reading<'_, '_> {
                 self.state.area_light = self.area_light(&kind, parameters)?.map(Rc::new);
                 Ok(())
             }
-            "MakeNamedMedium" => self.parameters(word, "medium", tokens).map(|_| ()),
+            "MakeNamedMedium" => {
+                let (name, parameters) = self.parameters(word, "medium", tokens)?;
+                self.named_medium(name, parameters)
+            }
             "MediumInterface" => self.medium_interface(&place, tokens),
             // pbrt-v2 has an integrator for surfaces and another for media.
             "Camera" | "Film" | "PixelFilter" | "Sampler" | "Integrator" | "SurfaceIntegrator" => {
@@ -145,7 +148,9 @@ impl Reading<'_, '_> {
             "Volume" => {
                 let (_, parameters) = self.parameters(word, "medium", tokens)?;
                 parameters.ignore_all();
-                self.media_are_left_out(&place, word);
+                // pbrt-v2 alone has such.
+                let without = "Volume: volumes of pbrt-v2 are left out: space is empty, and light is neither scattered nor absorbed on its way";
+                self.warnings.note(&place, without);
                 Ok(())
             }
             _ => self.transform_directive(word, &place, tokens),
@@ -314,23 +319,6 @@ impl Reading<'_, '_> {
             }
         }
         Ok(())
-    }
-
-    fn medium_interface(&mut self, place: &Place, tokens: &mut Tokens) -> Result<(), SceneError> {
-        let mut names = vec![tokens.required_text("the medium's name")?];
-        if tokens.peek() == Some(b'"') {
-            names.push(tokens.required_text("the medium's name")?);
-        }
-        if names.iter().any(|name| !name.is_empty()) {
-            self.media_are_left_out(place, "MediumInterface");
-        }
-        Ok(())
-    }
-
-    fn media_are_left_out(&self, place: &Place, word: &str) {
-        let without = "space is empty, and light is neither scattered nor absorbed on its way";
-        self.warnings
-            .note(place, format!("{word}: media are left out: {without}"));
     }
 
     fn transform_directive(&mut self, word: &str, place: &Place, tokens: &mut Tokens) -> Result<(), SceneError> {

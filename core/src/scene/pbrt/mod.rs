@@ -14,6 +14,7 @@ mod directive;
 mod grid;
 mod light;
 mod material;
+mod medium;
 mod old_material;
 mod parameter;
 mod quadric;
@@ -61,6 +62,7 @@ pub(crate) fn read(
         blocks: Vec::new(),
         systems: BTreeMap::new(),
         materials: BTreeMap::new(),
+        media: BTreeMap::new(),
         textures: BTreeMap::new(),
         groups: BTreeMap::new(),
         group: None,
@@ -93,6 +95,8 @@ struct Reading<'r, 'f> {
     systems: BTreeMap<String, [DMat4; 2]>,
     /// Materials by name.
     materials: BTreeMap<String, ObjectId>,
+    /// Media by name; `None` for those that are left out.
+    media: BTreeMap<String, Option<ObjectId>>,
     /// Textures by whether they are of numbers, and by name.
     textures: BTreeMap<(bool, String), Tint>,
     /// Groups of shapes by the name of their object.

@@ -91,6 +91,7 @@ impl Reading<'_, '_> {
             material = self.masked(material, opacity, &parameters.context, &parameters.place);
         }
         self.draft.link(made.object, None, material);
+        self.bound(made.object);
         if let Some(light) = self.state.area_light.clone() {
             self.light_up(made, &light, self.group, &parameters.place)?;
         }

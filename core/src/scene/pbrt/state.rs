@@ -1,6 +1,7 @@
 //! The state that directives change, and its transforms.
 
 use super::colour::ColourSpace;
+use super::medium::Interface;
 use super::parameter::Parameters;
 use super::values::Parameter;
 use crate::scene::description::ObjectId;
@@ -18,6 +19,8 @@ pub(super) struct State {
     pub(super) material: Option<ObjectId>,
     pub(super) area_light: Option<Rc<Parameters>>,
     pub(super) reverse_orientation: bool,
+    /// What lies on the sides of shapes.
+    pub(super) interface: Interface,
     pub(super) space: ColourSpace,
     /// What `Attribute` has set, in the order of [`ATTRIBUTES`].
     pub(super) defaults: [Rc<Vec<Rc<Parameter>>>; ATTRIBUTES.len()],
@@ -34,6 +37,7 @@ impl Default for State {
             material: None,
             area_light: None,
             reverse_orientation: false,
+            interface: Interface::default(),
             space: ColourSpace::default(),
             defaults: Default::default(),
         }

@@ -234,8 +234,8 @@ fn what_changes_the_picture_is_warned_about() {
             "main.xml:4: `radius`: it is given twice; this value counts",
         ),
         (
-            "<medium type='homogeneous' id='fog'><rgb name='sigmaT' value='1'/><phase type='hg'/></medium>",
-            "main.xml:3: <scene>: <medium> is left out: space is empty",
+            "<medium type='homogeneous' id='fog'><rgb name='sigmaT' value='1'/><phase type='hg'><float name='f' value='0.5'/></phase></medium>",
+            "main.xml:3: <phase type=\"hg\">: property `f` is not known here and left out; did you mean `g`?",
         ),
         ("<mode type='final'/>", "main.xml:3: <mode> is left out"),
         (
