@@ -93,7 +93,7 @@ mod tests {
     use super::*;
     use crate::random::{PathRandom, Stream};
 
-    /// A path `x_0 ... x_k` by its densities, cosines and distances alone.
+    /// A path `x_0 ... x_k` by its densities, cosines, distances and what comes through alone.
     struct PathDensities {
         /// Of starting at `x_0`, of connecting with it, and of leaving it.
         start: f32,
@@ -110,6 +110,8 @@ mod tests {
         after: Vec<f32>,
         /// Squared length of the edge after each vertex.
         distance2: Vec<f32>,
+        /// Probability of coming through the edge after each vertex.
+        passed: Vec<f32>,
         light_paths: f32,
         samples: f32,
         /// `pi r^2`.
@@ -121,8 +123,8 @@ mod tests {
             let mut random = PathRandom::new(1, 1, Stream::Probe, number);
             let mut draw = move || 0.1 + 2.0 * random.next_1d();
             let mut list = || -> Vec<f32> { (0..=edges).map(|_| draw()).collect() };
-            let (to_camera, to_light, before, after, distance2, rest) =
-                (list(), list(), list(), list(), list(), list());
+            let (to_camera, to_light, before, after, distance2, passed, rest) =
+                (list(), list(), list(), list(), list(), list(), list());
             let mut few = PathRandom::new(2, 1, Stream::Probe, number);
             let mut draw = move || 0.1 + 2.0 * few.next_1d();
             Self {
@@ -136,6 +138,7 @@ mod tests {
                 before,
                 after,
                 distance2,
+                passed: passed.into_iter().map(|passed| passed / 2.1).collect(),
                 light_paths: 10.0 * draw(),
                 samples: draw(),
                 disc: 0.1 * draw(),
@@ -150,8 +153,8 @@ mod tests {
         fn of_light(&self) -> Vec<f32> {
             let next = |i: usize| match i {
                 0 => self.start,
-                1 => self.leave * self.before[1] / self.distance2[0],
-                _ => self.to_camera[i - 1] * self.before[i] / self.distance2[i - 1],
+                1 => self.leave * self.before[1] * self.passed[0] / self.distance2[0],
+                _ => self.to_camera[i - 1] * self.before[i] * self.passed[i - 1] / self.distance2[i - 1],
             };
             (0..=self.edges()).map(next).collect()
         }
@@ -161,8 +164,8 @@ mod tests {
             let k = self.edges();
             let next = |i: usize| match k - i {
                 0 => self.lens,
-                1 => self.direction * self.after[i] / self.distance2[i],
-                _ => self.to_light[i + 1] * self.after[i] / self.distance2[i],
+                1 => self.direction * self.after[i] * self.passed[i] / self.distance2[i],
+                _ => self.to_light[i + 1] * self.after[i] * self.passed[i] / self.distance2[i],
             };
             (0..=k).map(next).collect()
         }
@@ -204,11 +207,14 @@ mod tests {
                 edge: self.connected / (self.start * self.leave),
                 before: self.after[0] / (self.start * self.leave),
             };
-            (1..i).fold(start.arrived(self.distance2[0], self.before[1]), |partial, j| {
-                let (to, from) = (self.to_camera[j], self.to_light[j]);
-                let after = partial.after(self.after[j], to, from, 1.0, self.merges());
-                after.arrived(self.distance2[j], self.before[j + 1])
-            })
+            (1..i).fold(
+                start.arrived(self.distance2[0], self.before[1], self.passed[0]),
+                |partial, j| {
+                    let (to, from) = (self.to_camera[j], self.to_light[j]);
+                    let after = partial.after(self.after[j], to, from, 1.0, self.merges());
+                    after.arrived(self.distance2[j], self.before[j + 1], self.passed[j])
+                },
+            )
         }
 
         /// What camera paths keep at vertex `i` of `k - 1` and less.
@@ -219,11 +225,11 @@ mod tests {
                 edge: 1.0 / self.direction,
                 before: edges.first * self.before[k] / (self.lens * self.direction),
             };
-            let first = start.arrived(self.distance2[k - 1], self.after[k - 1]);
+            let first = start.arrived(self.distance2[k - 1], self.after[k - 1], self.passed[k - 1]);
             (i + 1..k).rev().fold(first, |partial, j| {
                 let (to, from, edge) = (self.to_light[j], self.to_camera[j], edges.of((k - j) as u32));
                 let after = partial.after(self.before[j], to, from, edge, self.merges());
-                after.arrived(self.distance2[j - 1], self.after[j - 1])
+                after.arrived(self.distance2[j - 1], self.after[j - 1], self.passed[j - 1])
             })
         }
 
@@ -231,8 +237,8 @@ mod tests {
         fn over_connection(&self, s: usize) -> f32 {
             let (k, merges) = (self.edges(), self.merges());
             let (x, y) = (s - 1, s);
-            let to_y = self.to_camera[x] * self.before[y] / self.distance2[x];
-            let to_x = self.to_light[y] * self.after[x] / self.distance2[x];
+            let to_y = self.to_camera[x] * self.before[y] * self.passed[x] / self.distance2[x];
+            let to_x = self.to_light[y] * self.after[x] * self.passed[x] / self.distance2[x];
             let edge = self.camera_edges().of((k - y) as u32);
             self.light_partial(x)
                 .over_connection(to_x, self.to_light[x], 1.0, merges)

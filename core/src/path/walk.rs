@@ -122,10 +122,7 @@ impl Walk {
     #[inline]
     pub(crate) fn advance(&mut self, tracer: &mut Tracer, random: &mut PathRandom) -> Met {
         self.edges += 1;
-        let point = match self.edges == 1 && self.mode == TransportMode::Radiance {
-            true => tracer.intersect_from_camera(&self.ray),
-            false => tracer.intersect(&self.ray),
-        };
+        let point = self.intersect(tracer);
         if tracer.scene.media.is_none() {
             return point.map_or(Met::Nothing, Met::Surface);
         }
@@ -150,8 +147,16 @@ impl Walk {
             max_distance,
             ..point.ray_towards(self.ray.direction)
         };
-        let behind = tracer.intersect(&self.ray);
+        let behind = self.intersect(tracer);
         Some(self.fly(tracer.scene, behind, random))
+    }
+
+    #[inline]
+    fn intersect(&self, tracer: &mut Tracer) -> Option<SurfacePoint> {
+        match self.edges == 1 && self.mode == TransportMode::Radiance {
+            true => tracer.intersect_from_camera(&self.ray),
+            false => tracer.intersect(&self.ray),
+        }
     }
 
     /// Goes through the medium before `point`, or before nothing.
