@@ -27,11 +27,11 @@ pub(crate) use surface::SHADOW_GAP;
 /// moved off its surface (see [`SurfacePoint::ray_towards`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    /// Start [scene units].
+    /// Start \[scene units\].
     pub origin: Vec3,
     /// Unit direction.
     pub direction: Vec3,
-    /// Hits at this distance or beyond do not count [scene units].
+    /// Hits at this distance or beyond do not count \[scene units\].
     pub max_distance: f32,
 }
 
@@ -59,7 +59,7 @@ pub struct ShapeId(pub u32);
 /// Where a ray met a surface: everything that shading needs, in world space.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
-    /// Position [scene units].
+    /// Position \[scene units\].
     pub position: Vec3,
     /// Unit normal of the true surface, on the shape's outer side (Mitsuba's convention for each shape). Where the
     /// vertex normals of a mesh contradict the order of its vertices, they decide which side is the outer one, since
@@ -91,9 +91,9 @@ pub enum Shape {
     Mesh(Arc<TriangleMesh>),
     /// A sphere; the outer side is outside unless `flip_normals`.
     Sphere {
-        /// Centre [scene units].
+        /// Centre \[scene units\].
         center: Vec3,
-        /// Radius [scene units], positive.
+        /// Radius \[scene units\], positive.
         radius: f32,
         /// Maps the sphere to the unit sphere about the origin, whose poles on the z axis place the texture coordinates.
         to_local: Transform,
@@ -135,7 +135,7 @@ pub enum Shape {
 /// point to the other (see [`SurfacePoint::geometric_normal`]).
 #[derive(Clone, Debug, Default)]
 pub struct TriangleMesh {
-    /// Vertices [scene units].
+    /// Vertices \[scene units\].
     pub positions: Vec<Vec3>,
     /// Unit vertex normals, or empty for flat shading.
     pub normals: Vec<Vec3>,
@@ -286,7 +286,7 @@ impl Geometry {
         self.hierarchy.any(&Line::of(ray), f64::from(ray.max_distance))
     }
 
-    /// Bounds of all shapes [scene units]: lower and upper corner. Both are zero where there is nothing.
+    /// Bounds of all shapes \[scene units\]: lower and upper corner. Both are zero where there is nothing.
     #[must_use]
     pub fn bounds(&self) -> (Vec3, Vec3) {
         self.hierarchy.bounds

@@ -15,7 +15,7 @@ enum Found {
     /// With its share: the vertex that the edge leaves is connected with lights too.
     WithShare {
         from: Vec3,
-        /// Solid-angle density of the edge's direction [1/sr].
+        /// Solid-angle density of the edge's direction \[1/sr\].
         pdf: f32,
     },
     /// Not at all: the integrator has counted it.

@@ -15,7 +15,7 @@ pub struct LightSample {
     /// Radiance arriving along `wi` if nothing is in the way; for a delta light divided by nothing: the factor such that
     /// `f * |cos| * radiance / pdf` estimates the reflected radiance.
     pub radiance: Spectrum,
-    /// Solid-angle density [1/sr] times the probability of choosing the light; for a delta light that probability alone.
+    /// Solid-angle density \[1/sr\] times the probability of choosing the light; for a delta light that probability alone.
     pub pdf: f32,
     /// Whether no other technique can hit this light (point, spot, directional).
     pub delta: bool,
@@ -36,7 +36,7 @@ pub struct EmissionSample {
     /// Density of the origin, the choice of light included, where it lies at a finite distance: [1/unit^2] on an area light, 1 of a
     /// point. Of the ray through the disc that faces it [1/unit^2] where it does not.
     pub pdf_position: f32,
-    /// Solid-angle density of the direction [1/sr], the choice of light included where it lies at infinity; of a directional light
+    /// Solid-angle density of the direction \[1/sr\], the choice of light included where it lies at infinity; of a directional light
     /// that choice alone, and 1 where the origin says the direction.
     pub pdf_direction: f32,
 }

@@ -65,7 +65,7 @@ impl Choice {
 pub enum Lobe {
     /// Lambertian reflection on the outer side.
     Diffuse {
-        /// Albedo, in [0, 1].
+        /// Albedo, in \[0, 1\].
         reflectance: Spectrum,
     },
     /// Reflection and refraction at a smooth boundary: a delta function.
@@ -131,7 +131,7 @@ pub enum Lobe {
     CoatedDiffuse {
         /// Index of the coat over that of the exterior.
         eta: f32,
-        /// f over what the coat lets in and out, `(1 - F(wo)) (1 - F(wi))` [1/sr].
+        /// f over what the coat lets in and out, `(1 - F(wo)) (1 - F(wi))` \[1/sr\].
         base: Spectrum,
     },
     /// Straight through: a delta function.
@@ -171,10 +171,10 @@ impl Tints {
 pub struct BsdfSample {
     /// Local direction.
     pub wi: Vec3,
-    /// f(wo, wi) [1/sr], of all lobes together that are no delta functions; for a delta lobe the factor such that
+    /// f(wo, wi) \[1/sr\], of all lobes together that are no delta functions; for a delta lobe the factor such that
     /// `f * |cos wi| / pdf` is the path weight.
     pub f: Spectrum,
-    /// Solid-angle density [1/sr], of all lobes together; for a delta lobe the probability of choosing it.
+    /// Solid-angle density \[1/sr\], of all lobes together; for a delta lobe the probability of choosing it.
     pub pdf: f32,
     /// Whether the lobe is a delta function of direction.
     pub delta: bool,
@@ -245,7 +245,7 @@ impl Bsdf {
         Vec3::new(w.x, w.y, self.side * w.z)
     }
 
-    /// f(wo, wi) [1/sr] without the cosine, delta lobes left out.
+    /// f(wo, wi) \[1/sr\] without the cosine, delta lobes left out.
     #[must_use]
     pub fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
         let (wo, wi) = (self.turn(wo), self.turn(wi));
@@ -258,7 +258,7 @@ impl Bsdf {
         }
     }
 
-    /// Solid-angle density [1/sr] with which [`Self::sample`] returns `wi`, delta lobes left out; the same in both modes.
+    /// Solid-angle density \[1/sr\] with which [`Self::sample`] returns `wi`, delta lobes left out; the same in both modes.
     #[must_use]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         let (wo, wi) = (self.turn(wo), self.turn(wi));
@@ -298,7 +298,7 @@ impl Bsdf {
     }
 
     /// The density with which the path of `sample`, walked the other way, would have been sampled: of `wo` given `sample.wi`
-    /// [1/sr]; for a delta lobe its probability in units of `sample.pdf`.
+    /// \[1/sr\]; for a delta lobe its probability in units of `sample.pdf`.
     ///
     /// The delta function of the sample is one of `wi`, that of the reverse one of `wo`: the quotient of the solid angles that a
     /// narrow pencil fills on both sides, `|d wi / d wo| = |cos wo| / (eta^2 |cos wi|)` (Veach 1997, section 5.2), stands between

@@ -13,7 +13,7 @@ pub(crate) struct Carried {
     /// Density of the path had each channel been the hero.
     density: Spectrum,
     /// Density of the path had its last vertex been connected with what is found at the end of the path, without the density of what it is connected with
-    /// and with the direction's own [1/sr] left out: since the vertex a connection goes straight on, whatever the medium.
+    /// and with the direction's own \[1/sr\] left out: since the vertex a connection goes straight on, whatever the medium.
     connected: Spectrum,
 }
 

@@ -11,7 +11,7 @@ use crate::spectrum::Spectrum;
 #[derive(Clone, Debug)]
 pub struct Field {
     sigma_t: GridVolume,
-    /// The greatest extinction of any channel in each brick, x fastest [1/unit].
+    /// The greatest extinction of any channel in each brick, x fastest \[1/unit\].
     bounds: Vec<f32>,
 }
 
@@ -22,7 +22,7 @@ pub(super) struct Collision {
     pub(super) distance: f32,
     /// In terms of voxels.
     voxels: DVec3,
-    /// Bound of the extinction of any channel there [1/unit].
+    /// Bound of the extinction of any channel there \[1/unit\].
     pub(super) bound: f32,
 }
 

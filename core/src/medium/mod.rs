@@ -61,15 +61,15 @@ pub struct Media {
 pub struct Medium {
     /// Extinction coefficient.
     pub extinction: Extinction,
-    /// Share of what is extinguished that is scattered, in [0, 1].
+    /// Share of what is extinguished that is scattered, in \[0, 1\].
     pub albedo: Volume,
-    /// Radiance that it emits per length [W/(m^2 sr) / unit]; where the extinction varies, none counts where the lattice holds none.
+    /// Radiance that it emits per length \[W/(m^2 sr) / unit\]; where the extinction varies, none counts where the lattice holds none.
     pub emission: Volume,
     /// How it scatters.
     pub phase: Phase,
 }
 
-/// How much light is lost along a way, per length [1/unit].
+/// How much light is lost along a way, per length \[1/unit\].
 #[derive(Clone, Debug)]
 pub enum Extinction {
     /// The same everywhere.

@@ -3,7 +3,7 @@
 use crate::math::{FRAC_1_PI, Frame, TAU, Vec2, Vec3, safe_sqrt, sin_cos, sqr};
 use std::sync::Arc;
 
-/// The density of directions after scattering [1/sr], which depends on the angle of deflection alone: forward is a cosine of 1.
+/// The density of directions after scattering \[1/sr\], which depends on the angle of deflection alone: forward is a cosine of 1.
 #[derive(Clone, Debug)]
 pub enum Phase {
     /// The same in all directions.
@@ -22,7 +22,7 @@ pub enum Phase {
 const LEAST_G: f32 = 1e-3;
 
 impl Phase {
-    /// The density of going on along `wi` for a path that came along `-wo`, both unit vectors [1/sr].
+    /// The density of going on along `wi` for a path that came along `-wo`, both unit vectors \[1/sr\].
     #[must_use]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.of_cosine((-wo).dot(wi).clamp(-1.0, 1.0))
@@ -85,7 +85,7 @@ impl Phase {
 /// A density that is linear between values at cosines from -1 to 1, spaced evenly.
 #[derive(Clone, Debug)]
 pub struct PhaseTable {
-    /// [1/sr].
+    /// \[1/sr\].
     densities: Vec<f64>,
     /// For each piece, the probability of it or one before it.
     cumulative: Vec<f64>,

@@ -48,7 +48,7 @@ impl Edges {
 }
 
 impl Partial {
-    /// After scattering with the solid-angle density `pdf` [1/sr] at an angle of cosine `cos`, until the next vertex is known. `pdf_rev` is the
+    /// After scattering with the solid-angle density `pdf` \[1/sr\] at an angle of cosine `cos`, until the next vertex is known. `pdf_rev` is the
     /// density of the way back, `edge` how often the edge before the vertex is connected, and `merges` the factor of merging at it.
     pub(crate) fn after(self, cos: f32, pdf: f32, pdf_rev: f32, edge: f32, merges: f32) -> Self {
         Self {
@@ -77,7 +77,7 @@ impl Partial {
     }
 
     /// Products of the techniques that leave more of this subpath to the other side, over a connection with its end. `pdf_area` is the
-    /// density by area with which the other side arrives at the end, and `pdf_rev` [1/sr] with which it goes on along the edge before it.
+    /// density by area with which the other side arrives at the end, and `pdf_rev` \[1/sr\] with which it goes on along the edge before it.
     pub(crate) fn over_connection(self, pdf_area: f32, pdf_rev: f32, edge: f32, merges: f32) -> f32 {
         pdf_area * (self.before * pdf_rev + edge * self.edge + merges)
     }

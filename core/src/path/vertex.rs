@@ -51,7 +51,7 @@ enum Site<'s> {
 pub(crate) struct Way {
     /// Ends just before what the way leads to.
     pub(crate) ray: Ray,
-    /// To the end [scene units].
+    /// To the end \[scene units\].
     pub(crate) length: f32,
     /// The medium that the way begins in.
     pub(crate) medium: Option<MediumId>,
@@ -93,11 +93,11 @@ impl Way {
 
 /// A direction in which a vertex is connected or merged, delta lobes left out.
 pub(crate) struct Towards {
-    /// f(wo, wi) [1/sr].
+    /// f(wo, wi) \[1/sr\].
     pub(crate) f: Spectrum,
-    /// Solid-angle density of sampling the direction [1/sr].
+    /// Solid-angle density of sampling the direction \[1/sr\].
     pub(crate) pdf: f32,
-    /// Solid-angle density of sampling the direction back along the path, for a path that comes along this one [1/sr].
+    /// Solid-angle density of sampling the direction back along the path, for a path that comes along this one \[1/sr\].
     pub(crate) pdf_rev: f32,
 }
 
@@ -167,7 +167,7 @@ impl<'s> Vertex<'s> {
         }
     }
 
-    /// [scene units].
+    /// \[scene units\].
     pub(crate) fn position(&self) -> Vec3 {
         match &self.site {
             Site::Surface { point, .. } => point.position,
@@ -226,7 +226,7 @@ impl<'s> Vertex<'s> {
         };
     }
 
-    /// f(wo, wi) [1/sr], delta lobes left out.
+    /// f(wo, wi) \[1/sr\], delta lobes left out.
     pub(crate) fn eval(&self, wi: Vec3) -> Spectrum {
         match &self.site {
             Site::Surface { point, bsdf, wo_local } => bsdf.f(*wo_local, point.frame.to_local(wi), self.mode),
@@ -234,7 +234,7 @@ impl<'s> Vertex<'s> {
         }
     }
 
-    /// Solid-angle density [1/sr] of [`Self::sample`], delta lobes left out.
+    /// Solid-angle density \[1/sr\] of [`Self::sample`], delta lobes left out.
     pub(crate) fn pdf(&self, wi: Vec3) -> f32 {
         match &self.site {
             Site::Surface { point, bsdf, wo_local } => bsdf.pdf(*wo_local, point.frame.to_local(wi)),
@@ -264,7 +264,7 @@ impl<'s> Vertex<'s> {
         }
     }
 
-    /// The density with which the way back of a direction sampled here would have been sampled [1/sr]; where a delta function chose
+    /// The density with which the way back of a direction sampled here would have been sampled \[1/sr\]; where a delta function chose
     /// it, in units of the density of the way ([`Bsdf::pdf_rev`]).
     pub(crate) fn pdf_rev_of(&self, scattered: &Scattered) -> f32 {
         match &self.site {

@@ -87,7 +87,7 @@ pub(super) struct Plan {
     /// Most edges of a path from the light to the camera.
     pub(super) max_edges: u32,
     pub(super) techniques: Techniques,
-    /// Radius within which paths are merged, where they are [scene units].
+    /// Radius within which paths are merged, where they are \[scene units\].
     pub(super) radius: Option<f32>,
     /// The techniques that count, where not all do.
     pub(super) only: Option<Only>,
@@ -97,7 +97,7 @@ pub(super) struct Plan {
 struct Estimator<'a> {
     job: &'a Job<'a>,
     plan: Plan,
-    /// Radius within which paths are merged; `None` where they are not [scene units].
+    /// Radius within which paths are merged; `None` where they are not \[scene units\].
     merge_radius: Option<f32>,
     /// Expected number of light paths merged with a vertex per unit of their density, `M pi r^2`; 0 without merging. The factor of a merge's
     /// density over that of a connection (Georgiev et al. 2012, equation 10, times the number of light paths).

@@ -39,7 +39,7 @@ struct Techniques<'v> {
 }
 
 impl Techniques<'_> {
-    /// Solid-angle density [1/sr] of each technique; zero for one that is not in use, and for one too small to divide by.
+    /// Solid-angle density \[1/sr\] of each technique; zero for one that is not in use, and for one too small to divide by.
     fn densities(&self, direction: Vec3) -> [f32; 3] {
         let densities = [
             if self.bsdf { self.vertex.pdf(direction) } else { 0.0 },

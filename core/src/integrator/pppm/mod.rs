@@ -20,7 +20,7 @@ use crate::settings::PppmSettings;
 use crate::spectrum::Spectrum;
 use std::ops::Range;
 
-/// Renders an iteration with photons gathered within `radius` [scene units].
+/// Renders an iteration with photons gathered within `radius` \[scene units\].
 pub(super) fn render(
     job: &Job,
     settings: &PppmSettings,
@@ -41,9 +41,9 @@ pub(super) fn render(
 
 /// The discs in which photons count, pixel by pixel.
 pub(super) struct Discs<F> {
-    /// Radius of a pixel's disc [scene units], by index from the top left.
+    /// Radius of a pixel's disc \[scene units\], by index from the top left.
     pub(super) radius_of: F,
-    /// The largest of them [scene units].
+    /// The largest of them \[scene units\].
     pub(super) widest: f32,
 }
 

@@ -11,7 +11,7 @@ use glam::{DMat4, DVec3};
 use std::sync::Arc;
 
 const MEDIA: [&str; 5] = ["homogeneous", "uniformgrid", "rgbgrid", "cloud", "nanovdb"];
-/// The coefficients of a medium that says none [1/mm] (pbrt-v4, `media.cpp`).
+/// The coefficients of a medium that says none \[1/mm\] (pbrt-v4, `media.cpp`).
 const SIGMA_A: [f64; 3] = [0.0011, 0.0024, 0.014];
 const SIGMA_S: [f64; 3] = [2.55, 3.21, 3.77];
 

@@ -38,7 +38,7 @@ impl Role {
         used: Use::Emission,
         number: false,
     };
-    /// A number in [0, 1].
+    /// A number in \[0, 1\].
     pub(super) const SHARE: Self = Self {
         used: Use::Reflectance,
         number: true,
@@ -99,7 +99,7 @@ impl Builder<'_, '_> {
         self.number_of(reader, name, Role::NUMBER, range, default)
     }
 
-    /// The number in [0, 1] or nested texture `name` of an object, or `default`. What is above 1 in a texture counts as 1.
+    /// The number in \[0, 1\] or nested texture `name` of an object, or `default`. What is above 1 in a texture counts as 1.
     pub(super) fn share_or_texture(
         &mut self,
         reader: &Reader,
