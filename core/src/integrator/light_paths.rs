@@ -126,7 +126,7 @@ impl LightPaths {
             |tracer, path, start, random, records: &mut Vec<R>| {
                 let Some(start) = start else { return };
                 let mut walk = Walk::from_light(scene, &start, random);
-                while walk.edges < self.max_edges {
+                while walk.has_edge_left(self.max_edges) {
                     let met = advance(&mut walk, tracer, random);
                     let Some(vertex) = walk.arrive(scene, &met) else { return };
                     let scattered = vertex.sample(random);

@@ -119,7 +119,7 @@ impl Settled {
         counts: &mut Counts,
     ) -> Result<Vec<[u32; 2]>, RenderError> {
         let (_, found) = trace_pixels(job, 1, pixels, observer, counts, |sample, list| {
-            let hit = sample.tracer.intersect_from_camera(&sample.camera.ray);
+            let hit = sample.tracer.first_seen(&sample.camera.ray);
             list.push(hit.map_or([0; 2], |point| self.of(job.scene, &point)));
             Spectrum::ZERO
         })?;

@@ -55,7 +55,7 @@ impl Queries {
                         normal: point.geometric_normal,
                         throughput: vertex.beta,
                         camera_edges: vertex.edges,
-                        limit: count_edges((max_edges - vertex.edges).min(longest)),
+                        limit: count_edges((max_edges - vertex.counted_edges).min(longest)),
                         states: vertex.states.arrived,
                         surface: Surface::of(&vertex),
                         pixel: (sample.pixel - first) as u32,

@@ -152,7 +152,7 @@ fn trace_queries<'a>(
             let scattered = path.go_on(&vertex);
             if rough {
                 queries.push(Query {
-                    limit: count_edges(max_edges - vertex.edges),
+                    limit: count_edges(max_edges - vertex.counted_edges),
                     vertex,
                     pixel: sample.pixel as u32,
                 });
@@ -190,7 +190,7 @@ fn map_photons(
                 payload: Photon {
                     wi: vertex.wo,
                     flux: vertex.beta,
-                    edges: count_edges(vertex.edges),
+                    edges: count_edges(vertex.counted_edges),
                     states: vertex.states.arrived,
                 },
             });
