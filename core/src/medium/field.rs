@@ -113,17 +113,18 @@ impl BrickWalk {
         let matrix = volume.to_local.matrix();
         let origin = volume.to_voxels(matrix.transform_point3(ray.origin.as_dvec3()));
         let direction = volume.to_voxels(matrix.transform_vector3(ray.direction.as_dvec3()));
-        let extent = volume.grid.extent().as_dvec3().to_array();
+        let lower = volume.margin;
+        let upper = volume.grid.extent().as_dvec3().to_array().map(|extent| extent - lower);
         let (mut start, mut end) = (0.0_f64, f64::from(distance));
         for axis in 0..3 {
             let (from, way) = (origin[axis], direction[axis]);
             if way == 0.0 {
-                if !(0.0..extent[axis]).contains(&from) {
+                if !(lower..upper[axis]).contains(&from) {
                     return None;
                 }
                 continue;
             }
-            let (first, second) = (-from / way, (extent[axis] - from) / way);
+            let (first, second) = ((lower - from) / way, (upper[axis] - from) / way);
             start = start.max(first.min(second));
             end = end.min(first.max(second));
         }
