@@ -127,20 +127,27 @@ pub(super) fn render(
     if planes == 0 {
         return Ok(Vec::new());
     }
-    let (_, lists) = trace_pixels(job, 1, 0..job.pixel_count(), observer, counts, |mut sample, list| {
-        let hit = sample.tracer.intersect_from_camera(&sample.camera.ray);
-        for layer in layers {
-            match (layer, settled) {
-                (Seen::Surface(surface), _) => surface.add(&mut sample, hit.as_ref(), list),
-                (Seen::Matte(matte), Some(settled)) => {
-                    let met = hit.as_ref().map(|point| settled.of(job.scene, point));
-                    list.extend(matte.values(settled, sample.pixel, met));
+    let (_, lists) = trace_pixels(
+        job,
+        1,
+        0..job.pixel_count(),
+        observer,
+        counts,
+        |mut sample, list: &mut Vec<_>| {
+            let hit = sample.tracer.intersect_from_camera(&sample.camera.ray);
+            for layer in layers {
+                match (layer, settled) {
+                    (Seen::Surface(surface), _) => surface.add(&mut sample, hit.as_ref(), list),
+                    (Seen::Matte(matte), Some(settled)) => {
+                        let met = hit.as_ref().map(|point| settled.of(job.scene, point));
+                        list.extend(matte.values(settled, sample.pixel, met));
+                    }
+                    (Seen::Matte(_), None) => unreachable!("ids are settled where there is a matte"),
                 }
-                (Seen::Matte(_), None) => unreachable!("ids are settled where there is a matte"),
             }
-        }
-        Spectrum::ZERO
-    })?;
+            Spectrum::ZERO
+        },
+    )?;
     let values: Vec<Spectrum> = lists.into_iter().flatten().collect();
     let plane = |first: usize| values.iter().skip(first).step_by(planes).copied().collect();
     Ok((0..planes).map(plane).collect())
