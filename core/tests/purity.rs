@@ -21,7 +21,7 @@ fn bits(name: &str, settings: &IntegratorSettings, threads: usize) -> Vec<[u32; 
 }
 
 fn check(settings: &IntegratorSettings) {
-    for scene in ["mirror-glass", "environment", "motion"] {
+    for scene in ["mirror-glass", "environment", "motion", "media"] {
         let one = bits(scene, settings, 1);
         assert!(
             one.iter().any(|p| p.iter().any(|c| *c != 0)),
@@ -69,7 +69,7 @@ fn an_sppm_chain_has_the_same_bits_with_any_number_of_threads_and_wherever_it_is
         photons: 10_000,
         ..Default::default()
     }));
-    for scene in ["mirror-glass", "motion"] {
+    for scene in ["mirror-glass", "motion", "media"] {
         check_chain(&scenes::named(scene, SIZE), &settings);
     }
 }

@@ -1,4 +1,4 @@
-"""Makes the images of the test scenes: `images/sky.exr` and `images/picture.png`. Needs Python alone."""
+"""Makes the images and the lattice of the test scenes: `images/sky.exr`, `images/picture.png` and `volumes/smoke.vol`. Needs Python alone."""
 
 import math
 import os
@@ -47,6 +47,22 @@ def write_png(path, width, height, pixels):
         file.write(chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b""))
 
 
+def write_vol(path, size, value):
+    """Writes a lattice of 32-bit floats with one channel; `value(x, y, z)` takes places in the unit cube."""
+    places = [[(index + 0.5) / count for index in range(count)] for count in size]
+    with open(path, "wb") as file:
+        file.write(b"VOL\3" + struct.pack("<5i6f", 1, *size, 1, 0, 0, 0, 1, 1, 1))
+        for z in places[2]:
+            for y in places[1]:
+                file.write(struct.pack(f"<{size[0]}f", *(value(x, y, z) for x in places[0])))
+
+
+def smoke(x, y, z):
+    """A plume that leans and widens as it rises along y, with nothing around it."""
+    away = math.hypot(x - 0.3 - 0.4 * y * y, z - 0.5) / (0.12 + 0.25 * y)
+    return max(0.0, 1 - away * away) * (0.6 + 0.4 * math.sin(9 * y + 4 * x))
+
+
 def sky(width, height):
     """A blue gradient over a brown ground, with one wide bright patch."""
     rows = []
@@ -77,7 +93,7 @@ def picture(width, height):
 
 
 if __name__ == "__main__":
-    folder = os.path.join(os.path.dirname(os.path.abspath(__file__)), "images")
-    os.makedirs(folder, exist_ok=True)
-    write_exr(os.path.join(folder, "sky.exr"), 32, 16, sky(32, 16))
-    write_png(os.path.join(folder, "picture.png"), 24, 16, picture(24, 16))
+    here = os.path.dirname(os.path.abspath(__file__))
+    write_exr(os.path.join(here, "images", "sky.exr"), 32, 16, sky(32, 16))
+    write_png(os.path.join(here, "images", "picture.png"), 24, 16, picture(24, 16))
+    write_vol(os.path.join(here, "volumes", "smoke.vol"), (10, 18, 9), smoke)

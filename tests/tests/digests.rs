@@ -10,10 +10,11 @@ use photonfarm_core::settings::{
 use photonfarm_tests::scenes;
 use std::path::Path;
 
-const SCENES: [&str; 9] = [
+const SCENES: [&str; 10] = [
     "coated",
     "diffuse-box",
     "environment",
+    "media",
     "mirror-glass",
     "motion",
     "orthographic",

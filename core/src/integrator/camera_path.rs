@@ -101,7 +101,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     /// Adds direct light at a vertex by one connection with a light. A path of as many edges as it may have is connected with none.
     #[inline(always)]
     pub(super) fn add_next_event(&mut self, vertex: &Vertex) {
-        if vertex.edges == self.max_edges || vertex.is_delta() {
+        if vertex.counted_edges == self.max_edges || vertex.is_delta() {
             return;
         }
         let (choice, u) = (self.random.next_choice(), self.random.next_choice_2d());
@@ -150,7 +150,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     /// [`Self::add_next_event`].
     #[inline(always)]
     pub(super) fn go_on(&mut self, vertex: &Vertex) -> Option<Scattered> {
-        if vertex.edges == self.max_edges {
+        if !self.walk.may_go_on(self.max_edges) {
             return None;
         }
         let scattered = vertex.sample(self.random)?;
@@ -161,7 +161,8 @@ impl<'t, 'a> CameraPath<'t, 'a> {
                 pdf: scattered.bsdf.pdf,
             },
         };
-        self.walk.go_on(vertex, &scattered, self.random).then_some(scattered)
+        let goes_on = self.walk.go_on(vertex, &scattered, self.random) && self.walk.has_edge_left(self.max_edges);
+        goes_on.then_some(scattered)
     }
 
     /// Leaves the light that the next edge finds to the integrator, which counts it by other means.

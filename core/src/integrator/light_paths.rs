@@ -140,7 +140,7 @@ impl LightPaths {
             |tracer, path, start, random, records: &mut T| {
                 let Some(start) = start else { return };
                 let mut walk = Walk::from_light(scene, &start, random);
-                while walk.edges < self.max_edges {
+                while walk.has_edge_left(self.max_edges) {
                     depart(&walk, tracer, random, records);
                     let met = advance(&mut walk, tracer, random);
                     let Some(vertex) = walk.arrive(scene, &met) else { return };

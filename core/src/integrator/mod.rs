@@ -235,7 +235,7 @@ struct Job<'a> {
 struct Batches {
     /// Light paths whose records are held.
     light_paths: u32,
-    /// Light paths whose beams are held: each is cut into many pieces of some 90 bytes with their boxes.
+    /// Light paths whose beams are held: each is cut into tens of pieces, of some 200 bytes while their boxes are sorted.
     light_paths_of_beams: u32,
     /// Camera paths whose queries `pcf` holds.
     camera_paths: usize,
@@ -249,7 +249,7 @@ impl Default for Batches {
     fn default() -> Self {
         Self {
             light_paths: 1 << 20,
-            light_paths_of_beams: 1 << 16,
+            light_paths_of_beams: 1 << 15,
             camera_paths: 1 << 22,
             vertices: 1 << 16,
             vertices_of_batches: 1 << 20,
@@ -441,8 +441,20 @@ struct Sample<'a, 't> {
 }
 
 /// Sums `samples` estimates for each pixel of the range `pixels`, of those that are rendered, on the current rayon pool; `estimate` may put further things
-/// into its task's list, or whatever stands for one. They come back in the order of pixels. Every camera path has its own random numbers.
-fn trace_pixels<'a, L: Default + Send>(
+/// into its task's list. Lists come back in the order of pixels. Every camera path has its own random numbers.
+fn trace_pixels<'a, T: Send>(
+    job: &Job<'a>,
+    samples: u32,
+    pixels: Range<usize>,
+    observer: &dyn Observer,
+    counts: &mut Counts,
+    estimate: impl Fn(Sample<'a, '_>, &mut Vec<T>) -> Spectrum + Sync,
+) -> Result<(Vec<Spectrum>, Vec<Vec<T>>), RenderError> {
+    trace_pixels_into(job, samples, pixels, observer, counts, estimate)
+}
+
+/// As [`trace_pixels`], with anything in the place of lists.
+fn trace_pixels_into<'a, L: Default + Send>(
     job: &Job<'a>,
     samples: u32,
     pixels: Range<usize>,

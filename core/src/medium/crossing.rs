@@ -254,18 +254,21 @@ fn choose_evenly(sigma_t: Spectrum, end: f32, random: &mut PathRandom) -> Option
 mod tests {
     use super::*;
     use crate::math::Vec3;
-    use crate::medium::tests::{scene_with, vol};
+    use crate::medium::tests::{narrow_camera, scene_with, vol};
     use crate::random::Stream;
     use crate::scene::Scene;
 
     /// A cube from -1 to 1 on each axis, filled by an even medium and by a lattice that rises along z.
     fn media() -> Scene {
+        let camera = narrow_camera("0 0 -5");
         scene_with(
-            "<shape type='cube'><bsdf type='null'/><medium name='interior' type='homogeneous'><rgb name='sigma_t' value='0 1 3'/></medium></shape>\
+            &format!(
+                "{camera}<shape type='cube'><bsdf type='null'/><medium name='interior' type='homogeneous'><rgb name='sigma_t' value='0 1 3'/></medium></shape>\
              <shape type='cube'><transform name='to_world'><translate x='5'/></transform><bsdf type='null'/><medium name='interior' type='heterogeneous'>\
              <volume name='sigma_t' type='gridvolume'><string name='filename' value='sigma.vol'/><transform name='to_world'>\
              <translate value='-0.5 -0.5 -0.5'/><scale value='2'/></transform></volume></medium></shape>\
-             <emitter type='constant'/>",
+             <emitter type='constant'/>"
+            ),
             &[("sigma.vol", vol([2, 3, 20], |_, _, z| 0.2 * z as f32))],
         )
     }

@@ -145,31 +145,35 @@ fn both_ways(samples: u32, photons: u32, max_depth: Option<u32>) -> IntegratorSe
 }
 
 /// All integrators but the sequential one, with discs so small that what they blur does not count.
-fn integrators(samples: u32, photons: u32) -> Vec<IntegratorSettings> {
+fn integrators(samples: u32, photons: u32, max_depth: Option<u32>) -> Vec<IntegratorSettings> {
     let sigma1 = Some(0.05);
     vec![
-        path(samples, None),
+        path(samples, max_depth),
         IntegratorSettings::Light(LightSettings {
             samples,
             photons,
+            max_depth,
             ..LightSettings::default()
         }),
-        both_ways(samples, photons, None),
+        both_ways(samples, photons, max_depth),
         IntegratorSettings::Vcm(VcmSettings {
             samples,
             photons,
             sigma1,
+            max_depth,
             ..VcmSettings::default()
         }),
         IntegratorSettings::Pppm(PppmSettings {
             samples,
             photons,
             sigma1,
+            max_depth,
             ..PppmSettings::default()
         }),
         IntegratorSettings::Pcf(PcfSettings {
             samples,
             photons,
+            max_depth,
             ..PcfSettings::default()
         }),
     ]
@@ -289,6 +293,92 @@ fn a_glowing_slab_has_the_radiance_of_the_closed_form() {
     }
 }
 
+/// Light goes straight through a pane without an edge that counts: so the lamp behind it is seen by paths of one edge.
+#[test]
+fn panes_in_media_are_not_counted() {
+    let scene = scene(&format!(
+        "<medium id='fog' type='homogeneous'><rgb name='sigma_t' value='0.1 0.2 0.4'/></medium>{}\
+         <shape type='rectangle'><transform name='to_world'><translate z='2'/></transform>\
+         <bsdf type='thindielectric'><float name='int_ior' value='1.5'/><float name='ext_ior' value='1'/></bsdf></shape>\
+         <shape type='rectangle'><transform name='to_world'><rotate x='1' angle='180'/><translate z='4'/></transform>\
+         <emitter type='area'><rgb name='radiance' value='1'/></emitter></shape>",
+        narrow_camera("0 0 0").replace("<film", "<ref id='fog'/><film")
+    ));
+    // What an interface of this index reflects, and a pane with all that goes back and forth in it.
+    let reflected: f64 = 0.04;
+    let through = 1.0 - 2.0 * reflected / (1.0 + reflected);
+    // Nothing connects the lens with a lamp behind a pane.
+    let all = integrators(1 << 10, 1 << 10, Some(1));
+    for settings in all
+        .iter()
+        .filter(|settings| !matches!(settings, IntegratorSettings::Light(_)))
+    {
+        let found = estimate(&scene, settings, 16);
+        for (channel, sigma) in [0.1, 0.2, 0.4_f64].into_iter().enumerate() {
+            let label = format!("channel {channel}, {settings:?}");
+            agrees(&label, found[channel], through * (-4.0 * sigma).exp(), 1e-3);
+        }
+    }
+}
+
+/// A room whose lamp stands behind a pane and a mask, in fog.
+const ROOM_WITH_PANES: &str = "<medium id='fog' type='homogeneous'><rgb name='sigma_t' value='0.3 0.2 0.1'/>\
+    <float name='albedo' value='0.8'/></medium>\
+    <sensor type='perspective'><float name='fov' value='60'/><ref id='fog'/><transform name='to_world'>\
+    <lookat origin='0, 0, -0.9' target='0, -1, 0.3' up='0, 1, 0'/></transform>\
+    <film type='hdrfilm'><integer name='width' value='4'/><integer name='height' value='4'/><rfilter type='box'/></film></sensor>\
+    <shape type='cube'><boolean name='flip_normals' value='true'/>\
+    <bsdf type='diffuse'><rgb name='reflectance' value='0.3 0.4 0.5'/></bsdf><ref name='exterior' id='fog'/></shape>\
+    <shape type='rectangle'><transform name='to_world'><scale value='2'/><rotate x='1' angle='90'/><translate y='0.4'/></transform>\
+    <bsdf type='thindielectric'/></shape>\
+    <shape type='rectangle'><transform name='to_world'><scale value='2'/><rotate x='1' angle='90'/><translate y='0.6'/></transform>\
+    <bsdf type='mask'><float name='opacity' value='0.5'/><bsdf type='diffuse'/></bsdf></shape>\
+    <shape type='rectangle'><transform name='to_world'><scale value='0.5'/><rotate x='1' angle='90'/><translate y='0.9'/></transform>\
+    <emitter type='area'><rgb name='radiance' value='10'/></emitter></shape>";
+
+/// Integrators agree on paths of limited length where light goes through panes.
+#[test]
+fn limits_are_the_same_for_all_integrators() {
+    let scene = scene(ROOM_WITH_PANES);
+    let mut all = integrators(16, 4000, Some(3));
+    // Its light paths count panes, since nested lookups ask for their edges.
+    all.retain(|settings| !matches!(settings, IntegratorSettings::Pcf(_)));
+    agree_with_the_first(&scene, &all, 128, "at most three edges");
+}
+
+/// What scatters in media and what does not are all light, whatever the integrator, and integrators agree on each.
+#[test]
+fn paths_through_media_have_their_letter() {
+    let scene = scene(ROOM_WITH_PANES);
+    let all = integrators(16, 4000, Some(4));
+    let whole = estimate(&scene, &all[0], 128);
+    let parts = ["L .* V .* E", "L [SGD]* E"].map(|paths| {
+        let mut part = scene.clone();
+        part.paths = Some(paths.parse().unwrap());
+        part
+    });
+    for settings in [&all[0], &all[3]] {
+        let [scattered, rest] = [0, 1].map(|part| estimate(&parts[part], settings, 128));
+        for channel in 0..CHANNELS {
+            assert!(scattered[channel].0 > 0.05 * whole[channel].0 && rest[channel].0 > 0.05 * whole[channel].0);
+            let error = whole[channel].1.hypot(scattered[channel].1).hypot(rest[channel].1);
+            let label = format!("channel {channel}, {settings:?}");
+            agrees(
+                &label,
+                (scattered[channel].0 + rest[channel].0, error),
+                whole[channel].0,
+                0.01,
+            );
+        }
+    }
+    agree_with_the_first(
+        &parts[0],
+        &[all[0].clone(), all[1].clone(), all[3].clone()],
+        128,
+        "scattered in media",
+    );
+}
+
 /// Every integrator sees the same in a room with fog, a ball of glass that holds another medium, and a lamp within the fog.
 #[test]
 fn integrators_agree_in_media() {
@@ -306,13 +396,18 @@ fn integrators_agree_in_media() {
          <shape type='sphere'><point name='center' x='1' y='2' z='0'/><float name='radius' value='0.5'/>\
          <emitter type='area'><rgb name='radiance' value='10'/></emitter></shape>",
     );
-    let all = integrators(4, 2000);
-    let reference = estimate(&scene, &path(64, None), 32);
+    let all = integrators(4, 2000, None);
+    agree_with_the_first(&scene, &all, 128, "all paths");
+}
+
+/// Compares all channels of some integrators' pictures with those of the first, which has `iterations`.
+fn agree_with_the_first(scene: &Scene, all: &[IntegratorSettings], iterations: u32, what: &str) {
+    let reference = estimate(scene, &all[0], iterations);
     for settings in &all[1..] {
-        let found = estimate(&scene, settings, 128);
+        let found = estimate(scene, settings, 128);
         for channel in 0..CHANNELS {
             let (mean, error) = reference[channel];
-            let label = format!("channel {channel}, {settings:?}");
+            let label = format!("{what}, channel {channel}, {settings:?}");
             // Discs of the density estimates blur what lies in corners.
             agrees(&label, (found[channel].0, found[channel].1.hypot(error)), mean, 0.02);
         }

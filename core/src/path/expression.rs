@@ -173,7 +173,7 @@ impl Parser {
             last: 0,
             empty: true,
         };
-        while let Some('S' | 'G' | 'D' | '.' | '[' | '(') = self.peek() {
+        while self.peek().is_some_and(begins_part) {
             let next = self.repeated()?;
             self.link(all.last, next.first);
             all = Part {
@@ -222,7 +222,7 @@ impl Parser {
             true => self.class()?,
             false => self
                 .event()
-                .ok_or_else(|| self.error("expected `S`, `G`, `D` or `.`"))?,
+                .ok_or_else(|| self.error("expected `S`, `G`, `D`, `V` or `.`"))?,
         };
         let state = 1 << self.letters.len();
         self.letters.push(events);
@@ -238,7 +238,7 @@ impl Parser {
         while !self.takes(']') {
             events |= self
                 .event()
-                .ok_or_else(|| self.error("expected `S`, `G`, `D` or `]`"))?;
+                .ok_or_else(|| self.error("expected `S`, `G`, `D`, `V` or `]`"))?;
         }
         match events {
             0 => Err(self.error("`[]` holds no letter")),
@@ -249,7 +249,7 @@ impl Parser {
     /// The events of a letter, as bits.
     fn event(&mut self) -> Option<u8> {
         if self.takes('.') {
-            return Some(0b111);
+            return Some((1 << EVENTS.len()) - 1);
         }
         let (_, event) = EVENTS.into_iter().find(|(letter, _)| self.peek() == Some(*letter))?;
         self.at += 1;
@@ -286,6 +286,11 @@ impl Parser {
     }
 }
 
+/// Whether a letter, a class of letters or a parenthesis begins with this.
+fn begins_part(letter: char) -> bool {
+    ['.', '[', '('].contains(&letter) || EVENTS.iter().any(|(known, _)| *known == letter)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -316,8 +321,8 @@ mod tests {
     /// All words of up to four letters.
     fn words() -> impl Iterator<Item = String> {
         (0..=4).flat_map(|length| {
-            (0..3_usize.pow(length)).map(move |number| {
-                let letter = |place: u32| ['S', 'G', 'D'][number / 3_usize.pow(place) % 3];
+            (0..EVENTS.len().pow(length)).map(move |number| {
+                let letter = |place: u32| EVENTS[number / EVENTS.len().pow(place) % EVENTS.len()].0;
                 (0..length).map(letter).collect()
             })
         })
@@ -337,14 +342,21 @@ mod tests {
             word.len() >= 2 && word.ends_with('D') && word[..word.len() - 1].chars().all(|letter| letter == 'S')
         });
         is("L .* E", |_| true);
-        is("L [SG]* E", |word| !word.contains('D'));
+        is("L [SG]* E", |word| !word.contains(['D', 'V']));
+        is("L V .* V E", |word| {
+            word.len() >= 2 && word.starts_with('V') && word.ends_with('V')
+        });
         is("L (D|S G)+ E", |word| {
             let rest = word.replace("SG", "");
             !word.is_empty() && rest.chars().all(|letter| letter == 'D') && !word.contains("SGG")
         });
         is("L D? S? E", |word| ["", "D", "S", "DS"].contains(&word));
         is("L (D (S | G))* E", |word| {
-            word.len().is_multiple_of(2) && word.as_bytes().chunks(2).all(|pair| pair[0] == b'D' && pair[1] != b'D')
+            word.len().is_multiple_of(2)
+                && word
+                    .as_bytes()
+                    .chunks(2)
+                    .all(|pair| pair[0] == b'D' && b"SG".contains(&pair[1]))
         });
         is("L .* S .* E", |word| word.contains('S'));
     }

@@ -47,12 +47,24 @@ impl<'a> Tracer<'a> {
 
     /// The nearest surface along a ray of the camera, which sees through the shapes of lights where these are hidden.
     pub(crate) fn intersect_from_camera(&mut self, ray: &Ray) -> Option<SurfacePoint> {
+        let scene = self.scene;
+        self.intersect_behind(ray, |point| scene.hide_emitters && scene.light_at(point).is_some())
+    }
+
+    /// The nearest surface along a ray of the camera that people would call one: what does nothing but bound a medium is none.
+    pub(crate) fn first_seen(&mut self, ray: &Ray) -> Option<SurfacePoint> {
+        let scene = self.scene;
+        self.intersect_behind(ray, |point| {
+            scene.is_passed(point) || scene.hide_emitters && scene.light_at(point).is_some()
+        })
+    }
+
+    /// The nearest surface behind those that `is_skipped`.
+    #[inline]
+    fn intersect_behind(&mut self, ray: &Ray, is_skipped: impl Fn(&SurfacePoint) -> bool) -> Option<SurfacePoint> {
         let mut point = self.intersect(ray)?;
-        if !self.scene.hide_emitters {
-            return Some(point);
-        }
         let mut before = 0.0;
-        while self.scene.light_at(&point).is_some() {
+        while is_skipped(&point) {
             before += point.distance;
             let behind = Ray {
                 max_distance: ray.max_distance - before,

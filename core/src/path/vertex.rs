@@ -22,6 +22,8 @@ pub(crate) struct Vertex<'s> {
     pub(crate) beta: Spectrum,
     /// Edges of the subpath up to here.
     pub(crate) edges: u32,
+    /// Of these, those that limits of the length of paths count ([`super::Walk::counted_edges`]).
+    pub(crate) counted_edges: u32,
     /// Unit direction back along the subpath.
     pub(crate) wo: Vec3,
     mode: TransportMode,
@@ -134,6 +136,7 @@ impl<'s> Vertex<'s> {
             site: Site::Surface { point, bsdf, wo_local },
             beta: Spectrum::ONE,
             edges: 1,
+            counted_edges: 1,
             wo,
             mode,
             states: VertexStates::ANY,
@@ -147,6 +150,7 @@ impl<'s> Vertex<'s> {
             site: Site::Medium { position, phase },
             beta: Spectrum::ONE,
             edges: 1,
+            counted_edges: 1,
             wo,
             mode,
             states: VertexStates::ANY,
@@ -320,6 +324,12 @@ impl<'s> Vertex<'s> {
             Site::Surface { bsdf, .. } => bsdf.is_glossier_than(roughness),
             Site::Medium { .. } => true,
         }
+    }
+
+    /// Whether a sampled direction goes straight on through the surface, as through a pane or where a mask has a hole.
+    pub(super) fn goes_straight(&self, scattered: &Scattered) -> bool {
+        let BsdfSample { wi, delta, eta, .. } = scattered.bsdf;
+        matches!(&self.site, Site::Surface { wo_local, .. } if delta && eta == 1.0 && wi.z * wo_local.z < 0.0)
     }
 
     /// Cosine of `direction` with the shading normal, without sign.

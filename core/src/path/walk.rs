@@ -30,6 +30,11 @@ pub(crate) struct Walk {
     pub(crate) carried: Carried,
     /// Edges that have been traced.
     pub(crate) edges: u32,
+    /// Of these, those that limits of the length of paths count: in scenes with media an edge counts with the one before where the subpath has
+    /// gone straight on through a pane or a mask, as in Mitsuba's `volpath`.
+    pub(crate) counted_edges: u32,
+    /// Whether the next edge counts with the one before.
+    straight: bool,
     /// What media on the last edge have sent to a camera subpath by themselves, its weights applied.
     pub(crate) glow: Spectrum,
     /// Length of the last edge up to the ray, where it goes on behind what bounds a medium \[scene units\].
@@ -47,6 +52,8 @@ pub(crate) struct Walk {
     hero: usize,
     /// Where media do not scatter the subpath, what it has crossed of them.
     crossed: Option<Vec<Crossed>>,
+    /// Whether the scene has media.
+    in_media: bool,
 }
 
 /// What the next edge of a subpath ends at.
@@ -107,6 +114,8 @@ impl Walk {
             ray,
             carried: Carried::new(weight),
             edges: 0,
+            counted_edges: 0,
+            straight: false,
             glow: Spectrum::ZERO,
             passed: 0.0,
             expected_transmittance: 1.0,
@@ -117,6 +126,7 @@ impl Walk {
             },
             eta: 1.0,
             medium: None,
+            in_media: scene.media.is_some(),
             hero: match &scene.media {
                 Some(media) if !media.grey => (random.next_1d() * CHANNELS as f32) as usize,
                 _ => 0,
@@ -129,6 +139,7 @@ impl Walk {
     #[inline]
     pub(crate) fn advance(&mut self, tracer: &mut Tracer, random: &mut PathRandom) -> Met {
         self.edges += 1;
+        self.counted_edges += u32::from(!self.straight);
         let point = self.intersect(tracer);
         if tracer.scene.media.is_none() {
             return point.map_or(Met::Nothing, Met::Surface);
@@ -156,6 +167,18 @@ impl Walk {
         };
         let behind = self.intersect(tracer);
         Some(self.fly(tracer.scene, behind, random))
+    }
+
+    /// Whether the next edge may belong to a path of at most `most` edges that count.
+    #[inline]
+    pub(crate) fn has_edge_left(&self, most: u32) -> bool {
+        self.counted_edges + u32::from(!self.straight) <= most
+    }
+
+    /// Whether the last edge may be followed by one, in a path of at most `most` edges that count.
+    #[inline]
+    pub(crate) fn may_go_on(&self, most: u32) -> bool {
+        self.counted_edges < most || self.in_media
     }
 
     #[inline]
@@ -234,6 +257,7 @@ impl Walk {
         }
         vertex.beta = self.carried.beta();
         vertex.edges = self.edges;
+        vertex.counted_edges = self.counted_edges;
         if let Some(paths) = &scene.paths {
             vertex.note(paths, self.states);
         }
@@ -246,6 +270,7 @@ impl Walk {
     pub(crate) fn go_on(&mut self, vertex: &Vertex, scattered: &Scattered, random: &mut PathRandom) -> bool {
         self.ray = vertex.ray_towards(scattered.wi);
         self.medium = vertex.medium_towards(scattered.wi);
+        self.straight = self.in_media && vertex.goes_straight(scattered);
         self.states = match scattered.bsdf.delta {
             true => vertex.states.delta,
             false => vertex.states.smooth,

@@ -5,9 +5,11 @@ use photonfarm_core::integrator::Counts;
 use serde_json::Value;
 use std::sync::Arc;
 
-/// A job on the scene of mirror and glass balls.
+/// A job on a test scene.
 #[derive(Clone, Debug)]
 pub struct Job {
+    /// The scene's name.
+    pub scene: &'static str,
     /// The integrator's name.
     pub integrator: &'static str,
     /// Pixels across and down.
@@ -22,7 +24,10 @@ impl Job {
     /// The scene and the options that `render` and `submit` share.
     #[must_use]
     pub fn options(&self) -> Vec<String> {
-        let scene = scene("environment.xml").to_str().expect("a UTF-8 path").to_owned();
+        let scene = scene(&format!("{}.xml", self.scene))
+            .to_str()
+            .expect("a UTF-8 path")
+            .to_owned();
         let mut options = vec![scene, "--integrator".into(), self.integrator.into()];
         options.extend(["--iterations".into(), self.iterations.to_string()]);
         options.extend(["--seed".into(), "7".into(), "-D".into(), format!("res={}", self.size)]);

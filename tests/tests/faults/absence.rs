@@ -11,6 +11,7 @@ const OUTAGE: Duration = Duration::from_secs(60);
 
 fn job() -> Arc<Reference> {
     let job = Job {
+        scene: "environment",
         integrator: "pcf",
         size: 32,
         iterations: 60,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 fn job() -> Arc<Reference> {
     let job = Job {
+        scene: "environment",
         integrator: "pppm",
         size: 24,
         iterations: 40,

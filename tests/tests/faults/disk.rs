@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 fn job() -> Arc<Reference> {
     let job = Job {
+        scene: "environment",
         integrator: "pcf",
         size: 64,
         iterations: 50,

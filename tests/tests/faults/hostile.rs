@@ -31,6 +31,7 @@ fn job(iterations: u32) -> Arc<Reference> {
 
 fn job_by(integrator: &'static str, iterations: u32) -> Arc<Reference> {
     let job = Job {
+        scene: "environment",
         integrator,
         size: SIZE,
         iterations,

@@ -11,19 +11,25 @@ use std::time::{Duration, Instant};
 /// Jobs at once: while the blocks of the dead wait to be lent to others, later jobs go on.
 const AT_ONCE: usize = 12;
 
-/// Jobs of different shapes: a full tree, one of many maximal nodes, long blocks, and a chain.
+/// Jobs of different shapes: a full tree, one of many maximal nodes, long blocks, a chain, and light in fog and smoke.
 fn jobs() -> Vec<Arc<Reference>> {
     let job = |integrator, size, iterations, more| Job {
+        scene: "environment",
         integrator,
         size,
         iterations,
         more,
+    };
+    let in_media = Job {
+        scene: "media",
+        ..job("vcm", 16, 11, &["--set", "photons=500"])
     };
     vec![
         job("pppm", 16, 16, &["--set", "photons=2000"]).alone(),
         job("pcf", 16, 13, &["--set", "photons=500"]).alone(),
         job("path", 24, 80, &["--set", "samples=2"]).alone(),
         job("sppm", 16, 40, &["--set", "photons=500"]).alone(),
+        in_media.alone(),
     ]
 }
 

@@ -19,6 +19,7 @@ const LOST: &str = "failed_attempts_total{kind=\"lost\"}";
 
 fn job(iterations: u32) -> Arc<Reference> {
     let job = Job {
+        scene: "environment",
         integrator: "pcf",
         size: 32,
         iterations,

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 fn job(iterations: u32) -> Arc<Reference> {
     let job = Job {
+        scene: "environment",
         integrator: "path",
         size: 16,
         iterations,

@@ -36,7 +36,7 @@ impl<'a> Estimator<'a> {
             }),
         };
         let (mut total, mut walk) = (Spectrum::ZERO, Walk::from_camera(tracer.scene, camera.ray, random));
-        while walk.edges < self.plan.max_edges {
+        while walk.has_edge_left(self.plan.max_edges) {
             let from = walk.ray.origin;
             let mut met = walk.advance(tracer, random);
             let edges = walk.edges;
@@ -54,7 +54,7 @@ impl<'a> Estimator<'a> {
                 // Nothing else finds it.
                 total += walk.glow;
             }
-            if edges == self.plan.max_edges {
+            if !walk.may_go_on(self.plan.max_edges) {
                 break;
             }
             let Some(vertex) = walk.arrive(tracer.scene, &met) else {
@@ -73,7 +73,8 @@ impl<'a> Estimator<'a> {
                 if self.plan.techniques.next_event {
                     // Drawn also where only other techniques are shown, so that these find what they find beside it.
                     let (choice, u) = (random.next_choice(), random.next_choice_2d());
-                    if self.uses(1, edges + 1) && vertex.states.smooth & AT_LIGHT != 0 {
+                    let left = vertex.counted_edges < self.plan.max_edges;
+                    if left && self.uses(1, edges + 1) && vertex.states.smooth & AT_LIGHT != 0 {
                         total += vertex.beta * self.next_event(tracer, &end, choice, u, random);
                     }
                 }
@@ -82,7 +83,8 @@ impl<'a> Estimator<'a> {
                     if other.vertex.states.smooth & vertex.states.smooth == 0 {
                         continue;
                     }
-                    if edges + 1 + light_edges <= self.plan.max_edges && self.uses(light_edges + 1, edges + 1) {
+                    let counted = vertex.counted_edges + 1 + other.vertex.counted_edges;
+                    if counted <= self.plan.max_edges && self.uses(light_edges + 1, edges + 1) {
                         total += vertex.beta * self.connect(tracer, &end, other, random);
                     }
                 }

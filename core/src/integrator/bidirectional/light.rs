@@ -93,7 +93,7 @@ impl<'a> Estimator<'a> {
         let infinite = start.origin.is_infinite();
         let mut walk = Walk::from_light(scene, start, random);
         let mut partial = self.first_light_partial(start);
-        while walk.edges < self.plan.max_edges {
+        while walk.has_edge_left(self.plan.max_edges) {
             let (carried, way) = (walk.carried.beta(), walk.way());
             let met = light_paths::advance(&mut walk, tracer, random);
             let edges = walk.edges;
@@ -106,7 +106,7 @@ impl<'a> Estimator<'a> {
                     self.splat(&seen, value, &mut random, out);
                 }
             }
-            if edges == self.plan.max_edges {
+            if !walk.may_go_on(self.plan.max_edges) {
                 return;
             }
             let Some(vertex) = walk.arrive(scene, &met) else { return };
@@ -126,7 +126,7 @@ impl<'a> Estimator<'a> {
                     let payload = MergePayload {
                         wi: vertex.wo,
                         flux: vertex.beta,
-                        edges: count_edges(edges),
+                        edges: count_edges(vertex.counted_edges),
                         states: vertex.states.arrived,
                         partial: Partial {
                             edge: partial.edge * self.light_edges.of(edges),
@@ -176,7 +176,7 @@ impl<'a> Estimator<'a> {
     /// Connects the end of a light path with the lens (`t = 1`).
     fn connect_with_lens(&self, tracer: &mut Tracer, end: &End, random: &mut PathRandom, out: &mut Chunk) {
         let vertex = &end.vertex;
-        if !self.uses(vertex.edges + 1, 1) {
+        if vertex.counted_edges == self.plan.max_edges || !self.uses(vertex.edges + 1, 1) {
             return;
         }
         let scene = tracer.scene;

@@ -55,7 +55,7 @@ impl Estimator<'_> {
         let (position, radius) = disc;
         let MergeQuery { end, pixel } = query;
         let vertex = &end.vertex;
-        let limit = count_edges(self.plan.max_edges - vertex.edges);
+        let limit = count_edges(self.plan.max_edges - vertex.counted_edges);
         let camera_edge = self.camera_edges.of(vertex.edges);
         let (mut sum, mut counted) = (Spectrum::ZERO, 0);
         let read = near.query(position, radius, |light_end| {

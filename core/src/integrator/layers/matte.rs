@@ -118,8 +118,8 @@ impl Settled {
         observer: &dyn Observer,
         counts: &mut Counts,
     ) -> Result<Vec<[u32; 2]>, RenderError> {
-        let (_, found) = trace_pixels(job, 1, pixels, observer, counts, |sample, list: &mut Vec<_>| {
-            let hit = sample.tracer.intersect_from_camera(&sample.camera.ray);
+        let (_, found) = trace_pixels(job, 1, pixels, observer, counts, |sample, list| {
+            let hit = sample.tracer.first_seen(&sample.camera.ray);
             list.push(hit.map_or([0; 2], |point| self.of(job.scene, &point)));
             Spectrum::ZERO
         })?;

@@ -6,14 +6,14 @@ use crate::geometry::SurfacePoint;
 use crate::integrator::{Counts, Job, Observer, RenderError, Sample, trace_pixels};
 use crate::material::TransportMode;
 use crate::math::Vec3;
-use crate::path::Vertex;
+use crate::path::{Vertex, Way};
 use crate::spectrum::Spectrum;
 
 /// Something of the surface that a ray of the camera meets first. A ray that meets none adds zeros: values are weighted with `alpha`, as a
 /// compositor expects of an image whose alpha is multiplied in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Surface {
-    /// One where a ray meets a surface.
+    /// One where a ray meets a surface; where it meets none, the share of light from behind that media on its way keep back.
     Alpha,
     /// The share of light that the surface scatters: the mean of `f cos / pdf` over directions sampled from the material, with a variance
     /// of zero for a diffuse surface. Zero on surfaces that only emit.
@@ -84,7 +84,11 @@ impl Surface {
 
     /// Adds a pixel's values in the order of planes.
     fn add(self, sample: &mut Sample, hit: Option<&SurfacePoint>, list: &mut Vec<Spectrum>) {
-        let value = hit.map_or(Vec3::ZERO, |point| self.value(sample, point));
+        let value = match hit {
+            Some(point) => self.value(sample, point),
+            None if self == Self::Alpha => Vec3::splat(kept_back(sample)),
+            None => Vec3::ZERO,
+        };
         list.push(spectrum(value.max(Vec3::ZERO)));
         if self.is_signed() {
             list.push(spectrum((-value).max(Vec3::ZERO)));
@@ -127,30 +131,36 @@ pub(super) fn render(
     if planes == 0 {
         return Ok(Vec::new());
     }
-    let (_, lists) = trace_pixels(
-        job,
-        1,
-        0..job.pixel_count(),
-        observer,
-        counts,
-        |mut sample, list: &mut Vec<_>| {
-            let hit = sample.tracer.intersect_from_camera(&sample.camera.ray);
-            for layer in layers {
-                match (layer, settled) {
-                    (Seen::Surface(surface), _) => surface.add(&mut sample, hit.as_ref(), list),
-                    (Seen::Matte(matte), Some(settled)) => {
-                        let met = hit.as_ref().map(|point| settled.of(job.scene, point));
-                        list.extend(matte.values(settled, sample.pixel, met));
-                    }
-                    (Seen::Matte(_), None) => unreachable!("ids are settled where there is a matte"),
+    let (_, lists) = trace_pixels(job, 1, 0..job.pixel_count(), observer, counts, |mut sample, list| {
+        let hit = sample.tracer.first_seen(&sample.camera.ray);
+        for layer in layers {
+            match (layer, settled) {
+                (Seen::Surface(surface), _) => surface.add(&mut sample, hit.as_ref(), list),
+                (Seen::Matte(matte), Some(settled)) => {
+                    let met = hit.as_ref().map(|point| settled.of(job.scene, point));
+                    list.extend(matte.values(settled, sample.pixel, met));
                 }
+                (Seen::Matte(_), None) => unreachable!("ids are settled where there is a matte"),
             }
-            Spectrum::ZERO
-        },
-    )?;
+        }
+        Spectrum::ZERO
+    })?;
     let values: Vec<Spectrum> = lists.into_iter().flatten().collect();
     let plane = |first: usize| values.iter().skip(first).step_by(planes).copied().collect();
     Ok((0..planes).map(plane).collect())
+}
+
+/// The share of the light at infinity that media keep back from the camera, the mean over channels.
+fn kept_back(sample: &mut Sample) -> f32 {
+    let Some(media) = &sample.tracer.scene.media else {
+        return 0.0;
+    };
+    let way = Way {
+        ray: sample.camera.ray,
+        length: f32::INFINITY,
+        medium: media.camera,
+    };
+    1.0 - sample.tracer.transmittance_to_camera(&way, sample.random).share.mean()
 }
 
 fn spectrum(value: Vec3) -> Spectrum {

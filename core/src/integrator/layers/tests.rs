@@ -353,3 +353,27 @@ fn names_that_no_layer_has_are_refused() {
     assert!(layers(&["depth"]).check_integrator(&sppm).is_err());
     assert!(layers(&[]).check_integrator(&sppm).is_ok());
 }
+
+/// The bounds of media are no surfaces, and where there is nothing else, alpha is the share of light that the medium keeps back.
+#[test]
+fn what_bounds_media_is_looked_through() {
+    let fog = r#"<shape type="cube"><transform name="to_world"><scale x="9" y="9"/></transform><bsdf type="null"/>
+        <medium name="interior" type="homogeneous"><float name="sigma_t" value="0.5"/></medium></shape>"#;
+    let ball = r#"<shape type="sphere"><float name="radius" value="0.5"/></shape><emitter type="constant"/>"#;
+    let layers = layers(&["alpha", "depth"]);
+    let stack = render(&load(ball, fog), &layers, &path(), 1);
+    let size = (SIZE * SIZE) as usize;
+    let [alpha, depth] = [1, 2].map(|layer| &stack[layer * size..][..size]);
+    // Of a distance of 4, through a slab that is 2 thick, along rays at an angle below 29 degrees.
+    let mut seen = 0;
+    for (alpha, depth) in alpha.iter().zip(depth).map(|(alpha, depth)| (alpha[0], depth[0])) {
+        if depth > 0.0 {
+            seen += 1;
+            assert!(alpha == 1.0 && (3.4..4.1).contains(&depth), "{alpha}, {depth}");
+        } else {
+            let [least, most] = [1.0_f32, 1.0 / 0.87].map(|slant| 1.0 - (-slant).exp());
+            assert!((least - 1e-4..most).contains(&alpha), "{alpha}");
+        }
+    }
+    assert!((1..size).contains(&seen));
+}

@@ -120,7 +120,7 @@ impl VolumeEstimator<'_> {
             mut ray, mut medium, ..
         } = walk.way();
         let mut flux = walk.carried.beta();
-        let of_path = (count_edges(walk.edges + 1), walk.states);
+        let of_path = (count_edges(walk.counted_with_next()), walk.states);
         loop {
             let hit = tracer.intersect(&ray);
             if let Some((id, medium)) = self.scene.medium(medium) {

@@ -79,7 +79,7 @@ pub(super) struct Segment {
 impl Segment {
     /// The wish of a path of `max_edges` at most; `None` where nothing can be found.
     pub(super) fn new(crossed: Crossed, pixel: usize, max_edges: u32) -> Option<Self> {
-        let limit = count_edges(max_edges - crossed.edges);
+        let limit = count_edges(max_edges.saturating_sub(crossed.counted_edges));
         (limit > 0 && crossed.states != 0 && !crossed.beta.is_black()).then_some(Self {
             crossed,
             pixel: pixel as u32,
@@ -155,7 +155,7 @@ impl<'a> VolumeEstimator<'a> {
             flux: vertex.beta,
             radius: radius_at(self.radius, position),
             medium,
-            edges: count_edges(vertex.edges),
+            edges: count_edges(vertex.counted_edges),
             states: vertex.states.arrived,
         });
     }

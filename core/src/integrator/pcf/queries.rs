@@ -39,56 +39,49 @@ impl Queries {
     ) -> Result<Self, RenderError> {
         let max_edges = edge_limit(settings.max_depth);
         let first = pixels.start;
-        let (pixels, lists) = trace_pixels(
-            job,
-            settings.samples,
-            pixels,
-            observer,
-            counts,
-            |sample, queries: &mut Vec<_>| {
-                let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
-                loop {
-                    let met = path.trace_edge();
-                    let Some(vertex) = path.arrive(&met) else { break };
-                    let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
-                    let asked = vertex.surface().filter(|_| at_lookup || settings.nested);
-                    let asks = asked.is_some();
-                    if let Some(point) = asked {
-                        let longest = if at_lookup { u32::MAX } else { 1 };
-                        queries.push(Query {
-                            position: point.position,
-                            direction: vertex.wo,
-                            normal: point.geometric_normal,
-                            throughput: vertex.beta,
-                            camera_edges: vertex.edges,
-                            limit: count_edges((max_edges - vertex.edges).min(longest)),
-                            states: vertex.states.arrived,
-                            surface: Surface::of(&vertex),
-                            pixel: (sample.pixel - first) as u32,
-                            radiance: Spectrum::ZERO,
-                        });
-                    } else {
-                        path.add_next_event(&vertex);
-                    }
-                    // An automatic lookup has counted all lobes but delta functions.
-                    let walks = match settings.lookup_vertex {
-                        _ if !at_lookup => true,
-                        LookupVertex::Fixed(_) => false,
-                        LookupVertex::Auto => vertex.has_delta(),
-                    };
-                    let Some(scattered) = walks.then(|| path.go_on(&vertex)).flatten() else {
-                        break;
-                    };
-                    if at_lookup && !scattered.bsdf.delta {
-                        break;
-                    }
-                    if asks && !at_lookup {
-                        path.count_no_light_on_next_edge();
-                    }
+        let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
+            let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
+            loop {
+                let met = path.trace_edge();
+                let Some(vertex) = path.arrive(&met) else { break };
+                let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
+                let asked = vertex.surface().filter(|_| at_lookup || settings.nested);
+                let asks = asked.is_some();
+                if let Some(point) = asked {
+                    let longest = if at_lookup { u32::MAX } else { 1 };
+                    queries.push(Query {
+                        position: point.position,
+                        direction: vertex.wo,
+                        normal: point.geometric_normal,
+                        throughput: vertex.beta,
+                        camera_edges: vertex.edges,
+                        limit: count_edges((max_edges - vertex.counted_edges).min(longest)),
+                        states: vertex.states.arrived,
+                        surface: Surface::of(&vertex),
+                        pixel: (sample.pixel - first) as u32,
+                        radiance: Spectrum::ZERO,
+                    });
+                } else {
+                    path.add_next_event(&vertex);
                 }
-                path.radiance
-            },
-        )?;
+                // An automatic lookup has counted all lobes but delta functions.
+                let walks = match settings.lookup_vertex {
+                    _ if !at_lookup => true,
+                    LookupVertex::Fixed(_) => false,
+                    LookupVertex::Auto => vertex.has_delta(),
+                };
+                let Some(scattered) = walks.then(|| path.go_on(&vertex)).flatten() else {
+                    break;
+                };
+                if at_lookup && !scattered.bsdf.delta {
+                    break;
+                }
+                if asks && !at_lookup {
+                    path.count_no_light_on_next_edge();
+                }
+            }
+            path.radiance
+        })?;
         Ok(Self {
             pixels,
             queries: lists.concat(),

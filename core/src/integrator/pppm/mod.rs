@@ -15,7 +15,9 @@ pub(super) mod settings;
 use super::camera_path::CameraPath;
 use super::light_paths::LightPaths;
 use super::media::{Records, Segment, VolumeEstimator, VolumeMap};
-use super::{Counts, Found, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
+use super::{
+    Counts, Found, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels_into,
+};
 use crate::density::{Point, PointMap, count_edges, disc_height, radius_at};
 use crate::math::Vec3;
 use crate::path::{States, Vertex};
@@ -184,7 +186,7 @@ fn trace_queries<'a>(
     counts: &mut Counts,
 ) -> Result<(Vec<Spectrum>, Vec<Wanted<'a>>), RenderError> {
     let max_edges = edge_limit(settings.max_depth);
-    trace_pixels(
+    trace_pixels_into(
         job,
         settings.samples,
         pixels,
@@ -209,7 +211,7 @@ fn trace_queries<'a>(
                 let scattered = path.go_on(&vertex);
                 if rough {
                     wanted.queries.push(Query {
-                        limit: count_edges(max_edges - vertex.edges),
+                        limit: count_edges(max_edges - vertex.counted_edges),
                         vertex,
                         pixel: sample.pixel as u32,
                     });
@@ -261,7 +263,7 @@ fn trace_light(
                     payload: Photon {
                         wi: vertex.wo,
                         flux: vertex.beta,
-                        edges: count_edges(vertex.edges),
+                        edges: count_edges(vertex.counted_edges),
                         states: vertex.states.arrived,
                     },
                 });

@@ -16,8 +16,8 @@ pub(crate) struct Crossed {
     pub(crate) medium: MediumId,
     /// Share of the radiance which arrives at the start of the piece that reaches the camera.
     pub(crate) beta: Spectrum,
-    /// Edges of the subpath, this one among them.
-    pub(crate) edges: u32,
+    /// Edges of the subpath that limits count, this one among them.
+    pub(crate) counted_edges: u32,
     /// Where light must be among the words of the scene's path expression before the medium scatters it on the piece.
     pub(crate) states: States,
     /// Numbers by which the subpath has crossed the piece.
@@ -40,6 +40,11 @@ impl Walk {
         self.crossed.iter_mut().flat_map(|crossed| crossed.drain(..))
     }
 
+    /// Edges that limits of the length of paths count, the next one among them.
+    pub(crate) fn counted_with_next(&self) -> u32 {
+        self.counted_edges + u32::from(!self.straight)
+    }
+
     /// Crosses a medium on the way to what lies at `distance`.
     pub(super) fn cross(
         &mut self,
@@ -58,12 +63,12 @@ impl Walk {
         self.carried.crossed(crossing.share);
         let paths = scene.paths.as_ref();
         let states = paths.map_or(ANY, |paths| paths.before(self.states, Event::Volume));
-        let edges = self.edges;
+        let counted_edges = self.counted_edges;
         self.crossed.get_or_insert_default().push(Crossed {
             ray,
             medium: id,
             beta,
-            edges,
+            counted_edges,
             states,
             random,
         });
