@@ -257,6 +257,7 @@ fn every_combination_of_the_other_integrators_is_right() {
             alpha: [0.3, 0.8][values[4]],
             sigma1: Some(0.3),
             max_depth,
+            ..Default::default()
         };
         let settings = match values[0] {
             0 => IntegratorSettings::Path(PathSettings {

@@ -7,6 +7,8 @@
 //! * [`PointMap`]: points, found by position alone, with whatever their user keeps there.
 //! * [`ConeMap`]: cones, found by position and direction; in a cell they are sorted by [`direction`] too.
 //!
+//! What is found along rays, and has an extent of its own, lies in a hierarchy of boxes: [`RayMap`].
+//!
 //! Queries of one place ask together ([`Groups`], [`NearPoints`], [`Candidates`]). The order of what they find depends on the records alone, whatever the
 //! number of threads; a record that no query asks for changes nothing for the others ([`Occupancy`] tells which these are).
 
@@ -19,6 +21,7 @@ mod groups;
 mod kernel;
 mod occupancy;
 mod points;
+mod rays;
 mod scan;
 pub mod schedule;
 mod sort;
@@ -30,6 +33,7 @@ pub use groups::Groups;
 pub use kernel::{KernelShape, cone_height, disc_height};
 pub use occupancy::Occupancy;
 pub use points::{NearPoints, Payload, Point, PointMap};
+pub(crate) use rays::{Passable, RayMap};
 
 use crate::math::{PI, Vec3, sin, warp::one_minus_cos};
 

@@ -15,6 +15,18 @@ pub fn pppm_radius_ratio(iteration: u32, alpha: f64) -> f64 {
     remaining_share(iteration, alpha).sqrt()
 }
 
+/// Radius of iteration `iteration` (1, 2, ...) over the first radius, for a kernel over `dimensions` (1, 2 or 3):
+/// `r_i^d = r_1^d prod (k + alpha) / (k + 1)`, so that the variance grows as (i + 1) / (i + alpha) whatever `d` is.
+#[must_use]
+pub fn radius_ratio(iteration: u32, alpha: f64, dimensions: u32) -> f64 {
+    let share = remaining_share(iteration, alpha);
+    match dimensions {
+        1 => share,
+        2 => share.sqrt(),
+        _ => libm::cbrt(share),
+    }
+}
+
 /// Spatial bandwidth of iteration `iteration` (1, 2, ...) over the first one, for PCF: the root `s` of
 /// `s^2 (1 - cos(theta_1 s^p)) = (1 - cos theta_1) prod (k + alpha) / (k + 1)` (thesis equation 3.27).
 ///
@@ -64,6 +76,18 @@ mod tests {
                 "iteration {i}: {} against {closed}",
                 ratio * ratio
             );
+        }
+    }
+
+    /// The kernel's measure shrinks alike in all dimensions.
+    #[test]
+    fn kernels_of_all_dimensions_keep_the_same_share() {
+        for iteration in [1, 2, 100] {
+            let share = pppm_radius_ratio(iteration, 0.5).powi(2);
+            for dimensions in 1..=3 {
+                let ratio = radius_ratio(iteration, 0.5, dimensions);
+                assert!((ratio.powi(dimensions as i32) / share - 1.0).abs() < 1e-12);
+            }
         }
     }
 

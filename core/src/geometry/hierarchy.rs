@@ -43,7 +43,7 @@ impl Child {
     fn triangles(index: usize) -> Self {
         Self(index as u32 | Self::LEAF)
     }
-    fn curved(index: usize) -> Self {
+    pub(super) fn curved(index: usize) -> Self {
         Self(index as u32 | Self::LEAF | Self::CURVED)
     }
     #[inline]
@@ -65,6 +65,17 @@ impl Child {
 pub(super) struct Node {
     pub(super) bounds: [[Lanes; 2]; 3],
     pub(super) children: [Child; WIDTH],
+}
+
+impl Node {
+    /// A node without children.
+    pub(super) fn empty() -> Self {
+        let inside_out = [Lanes::splat(f32::INFINITY), Lanes::splat(f32::NEG_INFINITY)];
+        Self {
+            bounds: [inside_out; 3],
+            children: [Child::EMPTY; WIDTH],
+        }
+    }
 }
 
 /// The hierarchy over all primitives of a scene.
@@ -258,6 +269,20 @@ fn leaf_sizes(binary: &Bvh2, leaves: &[Leaf]) -> Vec<usize> {
     sizes
 }
 
+/// Puts the children of the largest member in its place until the members fill a node or all are leaves.
+pub(super) fn expand(binary: &Bvh2, mut members: Vec<usize>, is_leaf: impl Fn(usize) -> bool) -> Vec<usize> {
+    while members.len() < WIDTH {
+        let area = |&slot: &usize| binary.nodes[members[slot]].aabb().half_area();
+        let inner = (0..members.len()).filter(|&slot| !is_leaf(members[slot]));
+        let Some(largest) = inner.max_by(|a, b| area(a).total_cmp(&area(b))) else {
+            break;
+        };
+        let first = binary.nodes[members[largest]].first_index as usize;
+        members.splice(largest..=largest, [first, first + 1]);
+    }
+    members
+}
+
 /// Turns the binary tree into wide nodes and blocks: a subtree that fits a block becomes one, and a node takes in the
 /// descendants of largest area until it is full (Wald, Benthin and Boulos 2008).
 struct Widening<'a> {
@@ -272,7 +297,7 @@ impl Widening<'_> {
         let root = self.reserve(vec![0]);
         let mut stack = vec![root];
         while let Some((index, members)) = stack.pop() {
-            let members = self.expand(members);
+            let members = expand(&self.binary, members, |member| self.is_leaf(member));
             for (slot, member) in members.into_iter().enumerate() {
                 let child = match self.leaf(member) {
                     Some(leaf) => leaf,
@@ -290,25 +315,8 @@ impl Widening<'_> {
     }
 
     fn reserve(&mut self, members: Vec<usize>) -> (usize, Vec<usize>) {
-        let empty = [Lanes::splat(f32::INFINITY), Lanes::splat(f32::NEG_INFINITY)];
-        self.hierarchy.nodes.push(Node {
-            bounds: [empty; 3],
-            children: [Child::EMPTY; WIDTH],
-        });
+        self.hierarchy.nodes.push(Node::empty());
         (self.hierarchy.nodes.len() - 1, members)
-    }
-
-    fn expand(&self, mut members: Vec<usize>) -> Vec<usize> {
-        while members.len() < WIDTH {
-            let area = |&slot: &usize| self.binary.nodes[members[slot]].aabb().half_area();
-            let inner = (0..members.len()).filter(|&slot| !self.is_leaf(members[slot]));
-            let Some(largest) = inner.max_by(|a, b| area(a).total_cmp(&area(b))) else {
-                break;
-            };
-            let first = self.binary.nodes[members[largest]].first_index as usize;
-            members.splice(largest..=largest, [first, first + 1]);
-        }
-        members
     }
 
     fn is_leaf(&self, member: usize) -> bool {

@@ -7,6 +7,7 @@
 //! An instance is a further kind of primitive: it holds a transform and a shared [`ShapeGroup`], which has a hierarchy of
 //! its own, carries the ray into the group's space, and answers with the hit that it finds there.
 
+mod boxes;
 mod curved;
 mod hierarchy;
 mod instance;
@@ -17,6 +18,7 @@ mod traversal;
 mod triangle;
 
 use crate::math::{DVec3, Frame, Transform, Vec2, Vec3};
+pub(crate) use boxes::BoxTree;
 use hierarchy::{EXACT_ORIGINS, Hierarchy};
 pub use instance::ShapeGroup;
 pub use sampling::{ShapeSampler, TowardsSample};

@@ -54,7 +54,7 @@ const SLAB_MARGIN: f32 = 1.0 + 6.0 * f32::EPSILON;
 const STACK: usize = 64;
 
 /// What the box test needs of a ray.
-struct SlabRay {
+pub(super) struct SlabRay {
     origin: [Lanes; 3],
     inverse: [Lanes; 3],
     /// 1 where the direction is negative: the upper side is met first.
@@ -62,7 +62,7 @@ struct SlabRay {
 }
 
 impl SlabRay {
-    fn new(line: &Line) -> Self {
+    pub(super) fn new(line: &Line) -> Self {
         let direction = line.direction.as_vec3().to_array();
         let direction = direction.map(|d| d.abs().max(SMALLEST_COMPONENT).copysign(d));
         Self {
@@ -74,7 +74,7 @@ impl SlabRay {
 
     /// Distances at which the ray enters the children, and a bit for each child that it meets before `limit`.
     #[inline]
-    fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
+    pub(super) fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let slab = |axis: usize| {
             let near = self.near[axis] & 1;
             let entry = (node.bounds[axis][near] - self.origin[axis]) * self.inverse[axis];

@@ -8,7 +8,7 @@ use crate::math::Vec2;
 use crate::path::{Tracer, Vertex};
 use crate::random::{PathRandom, Stream};
 use crate::scene::Scene;
-use crate::settings::IntegratorSettings;
+use crate::settings::{IntegratorSettings, PppmSettings};
 
 /// Kernel sizes of an iteration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +48,15 @@ pub(super) fn shrinking_radius(scene: &Scene, sigma1: Option<f32>, photons: u32,
     (f64::from(first_radius(scene, sigma1, photons)) * ratio) as f32
 }
 
+/// Radius of the kernels over `dimensions` (1, 2 or 3) in which records in media count, in iteration `iteration` (1, 2, ...) \[scene units\].
+pub(super) fn media_radius(scene: &Scene, settings: &PppmSettings, iteration: u32, dimensions: u32) -> f32 {
+    let first = settings
+        .sigma1
+        .unwrap_or_else(|| automatic_radius(scene, settings.photons, dimensions));
+    let ratio = schedule::radius_ratio(iteration, f64::from(settings.alpha), dimensions);
+    (f64::from(first) * ratio) as f32
+}
+
 /// Records that the first disc would hold if the light paths of an iteration ended evenly over what the camera sees.
 const RECORDS_IN_FIRST_DISC: f32 = 10.0;
 
@@ -65,6 +74,12 @@ const PROBE_EDGES: u32 = 16;
 ///
 /// Where the picture is a window of a film it is that of the whole film, so that the window shows what the whole film would.
 fn automatic_sigma1(scene: &Scene, photons: u32) -> f32 {
+    automatic_radius(scene, photons, 2)
+}
+
+/// As [`automatic_sigma1`], for a kernel over `dimensions`: a ball holds as many of the records that are spread over the cube on that area, and a strip of the
+/// area of that width meets as many of the beams through the cube.
+fn automatic_radius(scene: &Scene, photons: u32, dimensions: u32) -> f32 {
     let sensor = scene.whole.as_deref().unwrap_or(&scene.sensor);
     let [width, height] = sensor.resolution;
     let mut footprints: Vec<f32> = (0..PROBES * PROBES)
@@ -87,8 +102,19 @@ fn automatic_sigma1(scene: &Scene, photons: u32) -> f32 {
     let nothing_seen = sensor.pixel_footprint((high - low).length());
     let footprint = footprints.get(footprints.len() / 2).copied().unwrap_or(nothing_seen);
     let pixels = width as f32 * height as f32;
-    let discs = (RECORDS_IN_FIRST_DISC * pixels / (std::f32::consts::PI * photons as f32)).sqrt();
-    let sigma1 = footprint * discs.max(1.0);
+    let photons = photons as f32;
+    // Radius over the edge of the area in view.
+    let radius = match dimensions {
+        1 => RECORDS_IN_FIRST_DISC / (2.0 * photons) * pixels.sqrt(),
+        2 => (RECORDS_IN_FIRST_DISC * pixels / (std::f32::consts::PI * photons)).sqrt(),
+        _ => {
+            libm::cbrt(f64::from(
+                0.75 * RECORDS_IN_FIRST_DISC / (std::f32::consts::PI * photons),
+            )) as f32
+                * pixels.sqrt()
+        }
+    };
+    let sigma1 = footprint * radius.max(1.0);
     // A scene without shapes has no size, and no photon to count.
     if sigma1 > 0.0 { sigma1 } else { 1.0 }
 }

@@ -3,7 +3,7 @@
 use crate::geometry::Ray;
 use crate::light::Lights;
 use crate::math::{DVec2, Vec3};
-use crate::path::{AT_LIGHT, Met, Scattered, Tracer, Vertex, Walk, power_heuristic};
+use crate::path::{AT_LIGHT, Crossed, Met, Scattered, Tracer, Vertex, Walk, power_heuristic};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -50,6 +50,16 @@ impl<'t, 'a> CameraPath<'t, 'a> {
             found,
             radiance: Spectrum::ZERO,
         }
+    }
+
+    /// From now on media do not scatter the path: it carries on what comes through.
+    pub(super) fn cross_media(&mut self) {
+        self.walk.cross_media();
+    }
+
+    /// The pieces of the last edge in media that the path has crossed.
+    pub(super) fn take_crossed(&mut self) -> impl Iterator<Item = Crossed> + '_ {
+        self.walk.take_crossed()
     }
 
     /// The vertex at the end of the edge that was traced last; `None` where it leaves the scene.
@@ -119,7 +129,13 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         }
         let found = if light.delta { 0.0 } else { vertex.pdf(light.wi) };
         if self.tracer.scene.media.is_some() {
-            let beta = self.walk.carried.beta_of_connection(passed, found / light.pdf);
+            // A path that crosses media finds the light whatever they extinguish.
+            let finds = if self.walk.crosses_media() {
+                Spectrum::ONE
+            } else {
+                passed
+            };
+            let beta = self.walk.carried.beta_of_connection(finds, found / light.pdf);
             return beta * (f * passed * light.radiance * (vertex.cos_shading(light.wi) / light.pdf));
         }
         let share = if light.delta {

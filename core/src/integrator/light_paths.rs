@@ -119,14 +119,29 @@ impl LightPaths {
         counts: &mut Counts,
         store: impl Fn(&Arrival, &mut Vec<R>) + Sync,
     ) -> Result<Vec<Vec<R>>, RenderError> {
-        let chunks = self.trace_with(
+        let chunks = self.trace_edges(scene, observer, counts, |_, _, _, _| {}, store)?;
+        counts.records_stored += chunks.iter().map(|records| records.len() as u64).sum::<u64>();
+        Ok(chunks)
+    }
+
+    /// As [`Self::trace`], with records of any kind, which are not counted; `depart` looks at each edge before it is traced.
+    pub(super) fn trace_edges<T: Default + Send>(
+        &self,
+        scene: &Scene,
+        observer: &dyn Observer,
+        counts: &mut Counts,
+        depart: impl Fn(&Walk, &mut Tracer, &mut PathRandom, &mut T) + Sync,
+        store: impl Fn(&Arrival, &mut T) + Sync,
+    ) -> Result<Vec<T>, RenderError> {
+        self.trace_with(
             scene,
             observer,
             counts,
-            |tracer, path, start, random, records: &mut Vec<R>| {
+            |tracer, path, start, random, records: &mut T| {
                 let Some(start) = start else { return };
                 let mut walk = Walk::from_light(scene, &start, random);
                 while walk.has_edge_left(self.max_edges) {
+                    depart(&walk, tracer, random, records);
                     let met = advance(&mut walk, tracer, random);
                     let Some(vertex) = walk.arrive(scene, &met) else { return };
                     let scattered = vertex.sample(random);
@@ -142,8 +157,6 @@ impl LightPaths {
                     }
                 }
             },
-        )?;
-        counts.records_stored += chunks.iter().map(|records| records.len() as u64).sum::<u64>();
-        Ok(chunks)
+        )
     }
 }

@@ -11,6 +11,7 @@ mod description;
 pub mod layers;
 mod light;
 mod light_paths;
+mod media;
 mod path;
 pub mod pcf;
 #[cfg(test)]
@@ -58,6 +59,7 @@ pub const INTEGRATORS: [&Integrator; 7] = [
 pub(crate) mod types {
     pub use super::bdpt::settings::*;
     pub use super::light::settings::*;
+    pub use super::media::settings::*;
     pub use super::path::settings::*;
     pub use super::pcf::settings::*;
     pub use super::pppm::settings::*;
@@ -233,6 +235,8 @@ struct Job<'a> {
 struct Batches {
     /// Light paths whose records are held.
     light_paths: u32,
+    /// Light paths whose beams are held: each is cut into tens of pieces, of some 200 bytes while their boxes are sorted.
+    light_paths_of_beams: u32,
     /// Camera paths whose queries `pcf` holds.
     camera_paths: usize,
     /// Camera paths whose vertices, of some 260 bytes each, are held by integrators that evaluate materials when they read a map.
@@ -245,6 +249,7 @@ impl Default for Batches {
     fn default() -> Self {
         Self {
             light_paths: 1 << 20,
+            light_paths_of_beams: 1 << 15,
             camera_paths: 1 << 22,
             vertices: 1 << 16,
             vertices_of_batches: 1 << 20,
@@ -257,6 +262,14 @@ impl Batches {
     fn of_light_paths(self, count: u32) -> impl Iterator<Item = Range<u32>> {
         let size = self.light_paths;
         (0..count.div_ceil(size)).map(move |batch| batch * size..(batch + 1).saturating_mul(size).min(count))
+    }
+
+    /// The same where light paths leave beams.
+    fn of_beams(self) -> Self {
+        Self {
+            light_paths: self.light_paths.min(self.light_paths_of_beams),
+            ..self
+        }
     }
 }
 
@@ -437,12 +450,24 @@ fn trace_pixels<'a, T: Send>(
     counts: &mut Counts,
     estimate: impl Fn(Sample<'a, '_>, &mut Vec<T>) -> Spectrum + Sync,
 ) -> Result<(Vec<Spectrum>, Vec<Vec<T>>), RenderError> {
+    trace_pixels_into(job, samples, pixels, observer, counts, estimate)
+}
+
+/// As [`trace_pixels`], with anything in the place of lists.
+fn trace_pixels_into<'a, L: Default + Send>(
+    job: &Job<'a>,
+    samples: u32,
+    pixels: Range<usize>,
+    observer: &dyn Observer,
+    counts: &mut Counts,
+    estimate: impl Fn(Sample<'a, '_>, &mut L) -> Spectrum + Sync,
+) -> Result<(Vec<Spectrum>, Vec<L>), RenderError> {
     let film = &job.scene.film;
     let has_unseen_lights = job.scene.lights.any_delta() && job.scene.states_at_camera() & AT_LIGHT != 0;
     let width = film.resolution[0] as usize;
     let mut sums = vec![Spectrum::ZERO; pixels.len()];
     let pixels_per_task = (PATHS_PER_TASK / samples as usize).max(1);
-    let tasks: Vec<(Vec<T>, u64)> = sums
+    let tasks: Vec<(L, u64)> = sums
         .par_chunks_mut(pixels_per_task)
         .enumerate()
         .map(|(task, sums)| {
@@ -450,7 +475,7 @@ fn trace_pixels<'a, T: Send>(
                 return Err(RenderError::Cancelled);
             }
             let mut tracer = Tracer::new(job.scene);
-            let mut list = Vec::new();
+            let mut list = L::default();
             for (offset, sum) in sums.iter_mut().enumerate() {
                 let pixel = pixels.start + task * pixels_per_task + offset;
                 let in_picture = film.in_picture(pixel);

@@ -59,6 +59,11 @@ impl Carried {
         self.connected = self.density;
     }
 
+    /// The path crosses a medium without being scattered: `share` of the light comes through, and every channel would have gone on.
+    pub(crate) fn crossed(&mut self, share: Spectrum) {
+        self.weight *= share;
+    }
+
     /// A factor on what the path carries.
     #[inline]
     pub(crate) fn scale(&mut self, factor: f32) {

@@ -3,7 +3,7 @@
 use super::grid::BRICK;
 use super::volume::GridVolume;
 use crate::geometry::Ray;
-use crate::math::DVec3;
+use crate::math::{DVec3, Vec3};
 use crate::random::PathRandom;
 use crate::spectrum::Spectrum;
 
@@ -43,9 +43,26 @@ impl Field {
         self.sigma_t.at(collision.voxels)
     }
 
+    /// The extinction at a place in the world: none outside of the lattice.
+    pub(super) fn at_place(&self, place: Vec3) -> Spectrum {
+        let volume = &self.sigma_t;
+        let voxels = volume.to_voxels(volume.to_local.matrix().transform_point3(place.as_dvec3()));
+        let extent = volume.grid.extent().as_dvec3();
+        match voxels.cmpge(DVec3::ZERO).all() && voxels.cmple(extent).all() {
+            true => volume.at(voxels),
+            false => Spectrum::ZERO,
+        }
+    }
+
     /// Whether all channels of every value are the same.
     pub(super) fn is_grey(&self) -> bool {
         super::is_grey(self.sigma_t.factor) && !self.sigma_t.grid.is_coloured()
+    }
+
+    /// The distances between which a ray of the length `distance` goes through the lattice.
+    pub(super) fn reach(&self, ray: &Ray, distance: f32) -> Option<(f32, f32)> {
+        let walk = BrickWalk::new(self, ray, distance)?;
+        Some((walk.at as f32, walk.end as f32))
     }
 
     /// Calls `collide` with one tentative collision after the other along a ray of the length `distance`, until it says no. Their

@@ -11,6 +11,7 @@
 //! 2014; Miller, Georgiev and Jarosz 2019). [`Carried`] holds these densities.
 
 mod carried;
+mod crossing;
 mod field;
 mod grid;
 mod phase;
@@ -18,6 +19,7 @@ mod space;
 mod volume;
 
 pub(crate) use carried::Carried;
+pub(crate) use crossing::{Passage, Steps};
 pub use field::Field;
 pub use grid::{Grid, Interpolation};
 pub use phase::{Phase, PhaseTable};
@@ -140,11 +142,10 @@ impl Medium {
         carried: &mut Carried,
         random: &mut PathRandom,
     ) -> Flight {
-        let glow = match &self.emission {
-            Volume::Constant(emission) if !emission.is_black() => {
-                carried.beta() * *emission * sigma_t.map(|sigma| seen_length(sigma, distance))
-            }
-            _ => Spectrum::ZERO,
+        let emission = self.emission.constant();
+        let glow = match emission.is_black() {
+            true => Spectrum::ZERO,
+            false => carried.beta() * emission * sigma_t.map(|sigma| seen_length(sigma, distance)),
         };
         let free = -ln_1p(-random.next_1d()) / sigma_t[hero];
         // Without extinction in the hero's channel the length is infinite, or no number.
@@ -225,6 +226,26 @@ impl Medium {
         }
     }
 
+    /// The distances along a ray of the length `distance` between which the medium can scatter.
+    pub(crate) fn reach(&self, ray: &Ray, distance: f32) -> Option<(f32, f32)> {
+        match &self.extinction {
+            Extinction::Uniform(_) => Some((0.0, distance)),
+            Extinction::Varying(field) => field.reach(ray, distance),
+        }
+    }
+
+    /// The scattering coefficient at a place \[1/unit\].
+    pub(crate) fn scattering(&self, place: Vec3) -> Spectrum {
+        let sigma_t = match &self.extinction {
+            Extinction::Uniform(sigma_t) => *sigma_t,
+            Extinction::Varying(field) => field.at_place(place),
+        };
+        match sigma_t.is_black() {
+            true => sigma_t,
+            false => sigma_t * self.albedo.at(place),
+        }
+    }
+
     /// Whether it is the same in all channels that choose the lengths of paths.
     pub(crate) fn is_grey(&self) -> bool {
         match &self.extinction {
@@ -262,4 +283,4 @@ fn transmitted(sigma_t: Spectrum, distance: f32) -> Spectrum {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

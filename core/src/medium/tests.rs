@@ -12,12 +12,12 @@ use std::f64::consts::PI;
 /// probability below 200 x 6e-7 = 1.2e-4.
 const Z: f64 = 5.0;
 
-fn scene(body: &str) -> Scene {
+pub(crate) fn scene(body: &str) -> Scene {
     scene_with(body, &[])
 }
 
 /// A scene with further files.
-fn scene_with(body: &str, files: &[(&str, Vec<u8>)]) -> Scene {
+pub(crate) fn scene_with(body: &str, files: &[(&str, Vec<u8>)]) -> Scene {
     scene_of("3.0.0", body, files)
 }
 
@@ -31,14 +31,14 @@ fn scene_of(version: &str, body: &str, files: &[(&str, Vec<u8>)]) -> Scene {
 }
 
 /// A camera at `origin` that looks along +z through one narrow pixel.
-fn narrow_camera(origin: &str) -> String {
+pub(crate) fn narrow_camera(origin: &str) -> String {
     format!(
         "<sensor type='perspective'><float name='fov' value='0.01'/><transform name='to_world'><translate value='{origin}'/></transform>\
          <film type='hdrfilm'><integer name='width' value='1'/><integer name='height' value='1'/><rfilter type='box'/></film></sensor>"
     )
 }
 
-fn path(samples: u32, max_depth: Option<u32>) -> IntegratorSettings {
+pub(crate) fn path(samples: u32, max_depth: Option<u32>) -> IntegratorSettings {
     IntegratorSettings::Path(PathSettings {
         samples,
         sampling: Sampling::Independent,
@@ -47,7 +47,7 @@ fn path(samples: u32, max_depth: Option<u32>) -> IntegratorSettings {
 }
 
 /// The mean over pixels of each channel, and its standard error over iterations.
-fn estimate(scene: &Scene, settings: &IntegratorSettings, iterations: u32) -> [(f64, f64); CHANNELS] {
+pub(crate) fn estimate(scene: &Scene, settings: &IntegratorSettings, iterations: u32) -> [(f64, f64); CHANNELS] {
     let images: Vec<Spectrum> = (1..=iterations)
         .map(|iteration| {
             let pixels = render_iteration(scene, settings, 11, iteration, &Unobserved)
@@ -66,7 +66,7 @@ fn estimate(scene: &Scene, settings: &IntegratorSettings, iterations: u32) -> [(
 }
 
 /// Compares the mean with what is expected; `rounding` is the relative error that single precision may make.
-fn agrees(label: &str, found: (f64, f64), expected: f64, rounding: f64) {
+pub(crate) fn agrees(label: &str, found: (f64, f64), expected: f64, rounding: f64) {
     let (mean, error) = found;
     let allowed = Z * error + rounding * expected.abs();
     assert!(
@@ -209,7 +209,7 @@ fn a_white_furnace_shows_no_medium() {
 }
 
 /// A lattice file of Mitsuba's with one channel.
-fn vol(size: [i32; 3], value: impl Fn(i32, i32, i32) -> f32) -> Vec<u8> {
+pub(crate) fn vol(size: [i32; 3], value: impl Fn(i32, i32, i32) -> f32) -> Vec<u8> {
     let mut bytes = b"VOL\x03".to_vec();
     for number in [1, size[0], size[1], size[2], 1] {
         bytes.extend_from_slice(&number.to_le_bytes());

@@ -31,6 +31,14 @@ pub struct GridVolume {
 }
 
 impl Volume {
+    /// The value where it is the same everywhere, and else zero.
+    pub(super) fn constant(&self) -> Spectrum {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Grid(_) => Spectrum::ZERO,
+        }
+    }
+
     /// The value at a place in the world.
     pub(super) fn at(&self, place: Vec3) -> Spectrum {
         match self {

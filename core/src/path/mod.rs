@@ -14,4 +14,4 @@ pub(crate) use expression::{ANY, AT_LIGHT, PathExpression, States};
 pub(crate) use mis::{Edges, Partial, power_heuristic};
 pub(crate) use tracer::{Passed, Tracer};
 pub(crate) use vertex::{Scattered, Towards, Vertex, Way};
-pub(crate) use walk::{Met, Walk};
+pub(crate) use walk::{Crossed, Met, Walk};

@@ -1,5 +1,9 @@
 //! The walk of a subpath from vertex to vertex.
 
+mod crossed;
+
+pub(crate) use crossed::Crossed;
+
 use super::expression::{ANY, AT_LIGHT, States};
 use super::{Scattered, Tracer, Vertex, Way};
 use crate::geometry::{Ray, SurfacePoint};
@@ -46,6 +50,8 @@ pub(crate) struct Walk {
     medium: Option<MediumId>,
     /// The channel that chooses where media scatter the subpath.
     hero: usize,
+    /// Where media do not scatter the subpath, what it has crossed of them.
+    crossed: Option<Vec<Crossed>>,
     /// Whether the scene has media.
     in_media: bool,
 }
@@ -125,6 +131,7 @@ impl Walk {
                 Some(media) if !media.grey => (random.next_1d() * CHANNELS as f32) as usize,
                 _ => 0,
             },
+            crossed: None,
         }
     }
 
@@ -189,6 +196,10 @@ impl Walk {
             return end;
         };
         let distance = point.map_or(self.ray.max_distance, |point| point.distance);
+        if self.crosses_media() {
+            self.cross(scene, (id, medium), distance, random);
+            return end;
+        }
         let flight = medium.fly(&self.ray, distance, self.hero, &mut self.carried, random);
         self.glow += flight.glow;
         let flown = flight.scattered_at.unwrap_or(distance);

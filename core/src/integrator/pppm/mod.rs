@@ -7,12 +7,17 @@
 //!
 //! A surface with a coat is both: its rough lobe ends the path as above, and with the probability of choosing the coat's delta lobe
 //! the path goes on along that, as it does from a mirror. Neither lobe knows of the other's light, so that nothing is counted twice.
+//!
+//! Media scatter camera paths as glossy surfaces do, unless the setting `media` says that light in them is estimated by photons or beams ([`super::media`]).
 
 pub(super) mod settings;
 
 use super::camera_path::CameraPath;
 use super::light_paths::LightPaths;
-use super::{Counts, Found, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels};
+use super::media::{Records, Segment, VolumeEstimator, VolumeMap};
+use super::{
+    Counts, Found, GLOSSY_ROUGHNESS, Iteration, Job, Observer, Phase, RenderError, edge_limit, trace_pixels_into,
+};
 use crate::density::{Point, PointMap, count_edges, disc_height, radius_at};
 use crate::math::Vec3;
 use crate::path::{States, Vertex};
@@ -77,6 +82,26 @@ struct Query<'s> {
     limit: u8,
 }
 
+/// What the camera paths of a task want to know.
+#[derive(Default)]
+struct Wanted<'s> {
+    queries: Vec<Query<'s>>,
+    segments: Vec<Segment>,
+}
+
+/// What the light paths of a chunk leave.
+#[derive(Default)]
+struct Left {
+    photons: Vec<Point<Photon>>,
+    in_media: Records,
+}
+
+/// What light paths have left, on surfaces and in media.
+struct Maps {
+    photons: PointMap<Photon>,
+    media: Option<VolumeMap>,
+}
+
 /// Renders an image with photons gathered in a disc of each pixel's own.
 ///
 /// Camera paths are worked through pass by pass: they leave queries, which then read the map in an order in which those that look at the
@@ -88,38 +113,57 @@ pub(super) fn gather_image(
     discs: &Discs<impl Fn(usize) -> f32 + Sync>,
     observer: &dyn Observer,
 ) -> Result<Gathered, RenderError> {
-    let batches: Vec<Range<u32>> = job.batches.of_light_paths(settings.photons).collect();
+    let media = VolumeEstimator::new(job, settings);
+    let media = media.as_ref();
+    let held = match media.is_some_and(VolumeEstimator::has_beams) {
+        true => job.batches.of_beams(),
+        false => job.batches,
+    };
+    let batches: Vec<Range<u32>> = held.of_light_paths(settings.photons).collect();
     let held = if batches.len() == 1 {
         job.batches.vertices
     } else {
         job.batches.vertices_of_batches
     };
     let mut counts = Counts::default();
-    let photons_of =
-        |batch: &Range<u32>, counts: &mut _| map_photons(job, settings, batch.clone(), discs.widest, observer, counts);
+    let maps_of = |batch: &Range<u32>, counts: &mut _| {
+        trace_light(job, settings, media, batch.clone(), discs.widest, observer, counts)
+    };
     let only = match &batches[..] {
-        [all] => Some(photons_of(all, &mut counts)?),
+        [all] => Some(maps_of(all, &mut counts)?),
         _ => None,
     };
     let mut sums = Vec::with_capacity(job.pixel_count());
     let mut photons = vec![0_u32; job.pixel_count()];
     for pass in job.passes(held, settings.samples) {
         observer.phase(Phase::TraceCamera);
-        let (direct, queries) = trace_queries(job, settings, pass, observer, &mut counts)?;
+        let (direct, wanted) = trace_queries(job, settings, media.is_some(), pass, observer, &mut counts)?;
+        let (queries, segments): (Vec<_>, Vec<_>) = wanted
+            .into_iter()
+            .map(|wanted| (wanted.queries, wanted.segments))
+            .unzip();
         sums.extend(direct);
         for batch in &batches {
             let of_batch;
-            let map = match &only {
-                Some(map) => map,
+            let maps = match &only {
+                Some(maps) => maps,
                 None => {
-                    of_batch = photons_of(batch, &mut counts)?;
+                    of_batch = maps_of(batch, &mut counts)?;
                     &of_batch
                 }
             };
             observer.phase(Phase::ReadMap);
-            for found in read(map, &queries, settings.photons, discs, observer)?.iter().flatten() {
+            for found in read(&maps.photons, &queries, settings.photons, discs, observer)?
+                .iter()
+                .flatten()
+            {
                 found.add_to(&mut sums, &mut counts);
                 photons[found.pixel as usize] += found.counted;
+            }
+            if let (Some(media), Some(map)) = (media, &maps.media) {
+                for found in media.read(map, &segments, settings.photons, observer)?.iter().flatten() {
+                    found.add_to(&mut sums, &mut counts);
+                }
             }
         }
     }
@@ -131,73 +175,109 @@ pub(super) fn gather_image(
     })
 }
 
-/// Traces the camera paths of a range of pixels: the sum of what each pixel's paths find without photons, and their queries.
+/// Traces the camera paths of a range of pixels: the sum of what each pixel's paths find without records of light paths, and what they
+/// want of these. `crosses`: whether media do not scatter the paths.
 fn trace_queries<'a>(
     job: &Job<'a>,
     settings: &PppmSettings,
+    crosses: bool,
     pixels: Range<usize>,
     observer: &dyn Observer,
     counts: &mut Counts,
-) -> Result<(Vec<Spectrum>, Vec<Vec<Query<'a>>>), RenderError> {
+) -> Result<(Vec<Spectrum>, Vec<Wanted<'a>>), RenderError> {
     let max_edges = edge_limit(settings.max_depth);
-    trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
-        let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
-        loop {
-            let met = path.trace_edge();
-            let Some(vertex) = path.arrive(&met) else {
-                break path.radiance;
-            };
-            let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
-            path.add_next_event(&vertex);
-            let scattered = path.go_on(&vertex);
-            if rough {
-                queries.push(Query {
-                    limit: count_edges(max_edges - vertex.counted_edges),
-                    vertex,
-                    pixel: sample.pixel as u32,
-                });
+    trace_pixels_into(
+        job,
+        settings.samples,
+        pixels,
+        observer,
+        counts,
+        |sample, wanted: &mut Wanted| {
+            let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
+            if crosses {
+                path.cross_media();
             }
-            match scattered {
-                None => break path.radiance,
-                // What the rough lobe's directions find is direct light at this vertex; the photons are all other light.
-                Some(scattered) if rough && !scattered.bsdf.delta => break path.end_with_edge(),
-                Some(_) => {}
+            loop {
+                let met = path.trace_edge();
+                let crossed = path.take_crossed();
+                wanted
+                    .segments
+                    .extend(crossed.filter_map(|crossed| Segment::new(crossed, sample.pixel, max_edges)));
+                let Some(vertex) = path.arrive(&met) else {
+                    break path.radiance;
+                };
+                let rough = !vertex.is_glossier_than(GLOSSY_ROUGHNESS);
+                path.add_next_event(&vertex);
+                let scattered = path.go_on(&vertex);
+                if rough {
+                    wanted.queries.push(Query {
+                        limit: count_edges(max_edges - vertex.counted_edges),
+                        vertex,
+                        pixel: sample.pixel as u32,
+                    });
+                }
+                match scattered {
+                    None => break path.radiance,
+                    // What the rough lobe's directions find is direct light at this vertex; the photons are all other light.
+                    Some(scattered) if rough && !scattered.bsdf.delta => break path.end_with_edge(),
+                    Some(_) => {}
+                }
             }
-        }
-    })
+        },
+    )
 }
 
-/// Traces the light paths `batch` and maps their photons for discs of the radius `widest` at most.
-fn map_photons(
+/// Traces the light paths `batch` and maps what they leave, on surfaces for discs of the radius `widest` at most.
+fn trace_light(
     job: &Job,
     settings: &PppmSettings,
+    media: Option<&VolumeEstimator>,
     batch: Range<u32>,
     widest: f32,
     observer: &dyn Observer,
     counts: &mut Counts,
-) -> Result<PointMap<Photon>, RenderError> {
+) -> Result<Maps, RenderError> {
     observer.phase(Phase::TraceLight);
     let paths = LightPaths {
         sequence: job.light_sequence(settings.photons),
         range: batch,
         max_edges: edge_limit(settings.max_depth).saturating_sub(1),
     };
-    let photons = paths.trace(job.scene, observer, counts, |arrival, photons| {
-        let vertex = arrival.vertex;
-        if (vertex.edges >= 2 || arrival.is_found_alone) && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
-            photons.push(Point {
-                position: vertex.position(),
-                payload: Photon {
-                    wi: vertex.wo,
-                    flux: vertex.beta,
-                    edges: count_edges(vertex.counted_edges),
-                    states: vertex.states.arrived,
-                },
-            });
-        }
-    })?;
+    let left = paths.trace_edges(
+        job.scene,
+        observer,
+        counts,
+        |walk, tracer, random, left: &mut Left| {
+            if let Some(media) = media {
+                media.depart(walk, tracer, random, &mut left.in_media);
+            }
+        },
+        |arrival, left| {
+            let vertex = arrival.vertex;
+            if let Some(media) = media {
+                media.arrive(arrival, &mut left.in_media);
+            }
+            if (vertex.edges >= 2 || arrival.is_found_alone) && !vertex.is_glossier_than(GLOSSY_ROUGHNESS) {
+                left.photons.push(Point {
+                    position: vertex.position(),
+                    payload: Photon {
+                        wi: vertex.wo,
+                        flux: vertex.beta,
+                        edges: count_edges(vertex.counted_edges),
+                        states: vertex.states.arrived,
+                    },
+                });
+            }
+        },
+    )?;
+    let (photons, in_media): (Vec<_>, Vec<_>) = left.into_iter().map(|left| (left.photons, left.in_media)).unzip();
+    let stored = photons.iter().map(Vec::len).chain(in_media.iter().map(Records::len));
+    counts.records_stored += stored.sum::<usize>() as u64;
     observer.phase(Phase::BuildMap);
-    Ok(PointMap::build(photons, widest))
+    Ok(Maps {
+        photons: PointMap::build(photons, widest),
+        media: media.map(|_| VolumeMap::build(in_media)),
+    })
 }
 
 /// What each query finds in a map of some of the `light_paths` light paths.

@@ -1,6 +1,7 @@
 //! Settings of `pppm`.
 
 use crate::integrator::bandwidth::shrinking_radius;
+use crate::integrator::media::settings::{MEDIA, MediaEstimator};
 use crate::integrator::{Bandwidth, Estimator, Ignored, Integrator, Iteration, Job, Observer, RenderError};
 use crate::random::Sampling;
 use crate::scene::Scene;
@@ -9,7 +10,7 @@ use crate::settings::shared::{ALPHA, MAX_DEPTH, PHOTONS, SAMPLES, SAMPLING, SIGM
 use serde::{Deserialize, Serialize};
 
 /// The settings of [`PppmSettings`].
-pub(in crate::integrator) const SETTINGS: &[Setting] = &[PHOTONS, SAMPLES, SAMPLING, ALPHA, SIGMA1, MAX_DEPTH];
+pub(in crate::integrator) const SETTINGS: &[Setting] = &[PHOTONS, SAMPLES, SAMPLING, ALPHA, SIGMA1, MEDIA, MAX_DEPTH];
 
 /// Probabilistic progressive photon mapping.
 pub(in crate::integrator) const INTEGRATOR: Integrator = Integrator {
@@ -34,6 +35,8 @@ pub struct PppmSettings {
     pub alpha: f32,
     /// First radius [scene units]; `None`: from the scene and the pixel footprint.
     pub sigma1: Option<f32>,
+    /// How light is estimated that media scatter.
+    pub media: MediaEstimator,
     /// Most edges of a light path, camera to light; `None`: no limit.
     pub max_depth: Option<u32>,
 }
@@ -46,6 +49,7 @@ impl Default for PppmSettings {
             sampling: Sampling::Sobol,
             alpha: 2.0 / 3.0,
             sigma1: None,
+            media: MediaEstimator::Paths,
             max_depth: None,
         }
     }

@@ -216,6 +216,7 @@ impl Case {
                 sampling: Sampling::Independent,
                 sigma1: Some(SIGMA1),
                 max_depth,
+                ..Default::default()
             }),
             Method::Pcf { p, aimed } => IntegratorSettings::Pcf(PcfSettings {
                 photons: self.photons,
