@@ -59,12 +59,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     }
 
     /// A path that has come to a vertex.
-    pub(super) fn going_on(
-        tracer: &'t mut Tracer<'a>,
-        walk: Walk,
-        random: &'t mut PathRandom,
-        max_edges: u32,
-    ) -> Self {
+    pub(super) fn going_on(tracer: &'t mut Tracer<'a>, walk: Walk, random: &'t mut PathRandom, max_edges: u32) -> Self {
         Self {
             tracer,
             random,

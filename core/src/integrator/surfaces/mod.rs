@@ -34,14 +34,14 @@ use crate::density::{Passable, RayMap, count_edges};
 use crate::geometry::Ray;
 use crate::math::Vec3;
 use crate::medium::{Medium, Passage, Steps};
-use crate::path::{Crossed, Met, Tracer, Walk, Way};
+use crate::path::{Crossed, Tracer, Walk, Way};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::settings::{SurfaceKind, SurfacesSettings, Weights};
 use crate::spectrum::Spectrum;
 use rates::Rates;
 use shape::{Meeting, Meetings, Shape};
-use tail::{Kind, Stem, Tail};
+use tail::{Stem, Tail};
 use technique::{Chain, Densities, Technique};
 
 pub(super) fn render(
@@ -159,8 +159,7 @@ impl<'s> SurfaceEstimator<'s> {
         };
         let chunks = paths.trace_with(scene, observer, counts, |tracer, _, start, random, out: &mut Tails| {
             if let Some(start) = start {
-                let states = Walk::from_light(scene, &start, &mut random.clone()).states;
-                out.tails.extend(Tail::of_light(scene, &start, states, &mut random.apart()));
+                out.tails.extend(Tail::of_light(scene, &start, &mut random.apart()));
                 let walk = Walk::from_light(scene, &start, random);
                 trace_tails(walk, paths.max_edges, tracer, random, &mut out.tails);
             }
@@ -179,13 +178,15 @@ impl<'s> SurfaceEstimator<'s> {
             .enumerate()
             .flat_map(|(number, tail)| {
                 let techniques = Technique::of(tail.kind).iter();
-                techniques.filter(|technique| used.contains(&technique.kind())).filter_map(move |technique| {
-                    Some(Surface {
-                        shape: technique.shape(tail)?,
-                        technique: *technique,
-                        tail: number as u32,
+                techniques
+                    .filter(|technique| used.contains(&technique.kind()))
+                    .filter_map(move |technique| {
+                        Some(Surface {
+                            shape: technique.shape(tail)?,
+                            technique: *technique,
+                            tail: number as u32,
+                        })
                     })
-                })
             })
             .collect();
         counts.records_stored += surfaces.len() as u64;
@@ -232,7 +233,7 @@ impl<'s> SurfaceEstimator<'s> {
                 along: [0.0; 2],
             };
             for tail in self.tails_of_one_path(random.next_1d()) {
-                if tail.is_whole() || tail.kind == Kind::One {
+                if tail.is_whole() {
                     radiance += self.found(&query, tail, Technique::Connection, &meeting, tracer, random);
                 }
             }
@@ -279,12 +280,13 @@ impl<'s> SurfaceEstimator<'s> {
 
     /// The sum over techniques of the density with which they find the chain, times how often they are tried.
     fn density(&self, query: &Query, tail: &Tail, technique: Technique, chain: &Chain, distance: f32) -> f32 {
-        let mut directions = [1.0; 3];
-        if let Some((_, medium)) = tail.medium(self.scene) {
-            for segment in 0..tail.kind.first() {
-                directions[segment] = medium.phase.pdf(-chain.directions[segment + 1], chain.directions[segment]);
+        let phase = tail.medium(self.scene).map(|(_, medium)| &medium.phase);
+        let directions = std::array::from_fn(|segment| match phase {
+            Some(phase) if segment < tail.kind.first() => {
+                phase.pdf(-chain.directions[segment + 1], chain.directions[segment])
             }
-        }
+            _ => 1.0,
+        });
         let ray = &query.piece.ray;
         let place = query.rates.density_below(distance, ray.max_distance);
         let densities = Densities::new(tail.kind, *chain, &tail.rates, directions, ray.direction, place);
@@ -292,7 +294,11 @@ impl<'s> SurfaceEstimator<'s> {
             Technique::Connection => densities.of(technique),
             _ => self.light_paths as f32 * densities.of(technique),
         };
-        let used = || Technique::of(tail.kind).iter().filter(|technique| self.used.contains(&technique.kind()));
+        let used = || {
+            Technique::of(tail.kind)
+                .iter()
+                .filter(|technique| self.used.contains(&technique.kind()))
+        };
         match self.weights {
             Weights::Balance => used().map(|technique| tried(*technique)).sum(),
             Weights::Average => used().count() as f32 * tried(technique),
@@ -358,7 +364,7 @@ impl<'s> SurfaceEstimator<'s> {
         let place = piece.ray.origin + piece.ray.direction * distance;
         let share = query.passage.share(distance) * query.medium.scattering(place);
         let weight = piece.beta * share * (1.0 / density);
-        if weight.is_black() || !weight.is_finite() {
+        if weight.is_black() || !weight.channels().iter().all(|channel| channel.is_finite()) {
             return Spectrum::ZERO;
         }
         let Some((walk, mut vertex)) = Walk::scattered(self.scene, piece, distance, weight, random) else {
@@ -366,29 +372,27 @@ impl<'s> SurfaceEstimator<'s> {
         };
         let mut path = CameraPath::going_on(tracer, walk, random, self.max_edges);
         path.count(Counted::Beyond);
-        let mut finds_all = false;
+        let (mut edges, mut finds_all) = (0, false);
         loop {
             path.add_next_event(&vertex);
             let Some(scattered) = path.go_on(&vertex) else { break };
-            if !finds_all {
-                match scattered.bsdf.delta {
-                    true => {
-                        finds_all = true;
-                        path.count(Counted::All);
-                    }
-                    false if vertex.surface().is_some() && !self.glows => break,
-                    false => {}
-                }
+            if edges == 1 && scattered.bsdf.delta {
+                finds_all = true;
+                path.count(Counted::All);
+            }
+            // What media emit is found by nothing else.
+            if edges > 0 && !finds_all && !self.glows {
+                break;
             }
             let met = path.trace_edge();
-            let from_medium = matches!(met, Met::Medium(_));
+            edges += 1;
             let Some(arrived) = path.arrive(&met) else { break };
             vertex = arrived;
-            if !finds_all {
-                if !self.glows && (from_medium || !vertex.has_delta()) {
+            if edges == 1 {
+                path.count(Counted::Nothing);
+                if !self.glows && !vertex.has_delta() {
                     break;
                 }
-                path.count(Counted::Nothing);
             }
         }
         path.radiance

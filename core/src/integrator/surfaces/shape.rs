@@ -7,14 +7,36 @@ use crate::math::{DVec3, Vec3};
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Shape {
     /// The places `origin + a along + b across` with `a` and `b` up to the lengths of the edges.
-    Parallelogram { origin: Vec3, edges: [Vec3; 2], lengths: [f32; 2] },
-    Sphere { center: Vec3, radius: f32 },
+    Parallelogram {
+        origin: Vec3,
+        edges: [Vec3; 2],
+        lengths: [f32; 2],
+    },
+    Sphere {
+        center: Vec3,
+        radius: f32,
+    },
     /// The places at most `length` from the apex, in directions of the cosine `cosine` with the axis.
-    Cone { apex: Vec3, axis: Vec3, cosine: f32, length: f32 },
+    Cone {
+        apex: Vec3,
+        axis: Vec3,
+        cosine: f32,
+        length: f32,
+    },
     /// The places at the distance `radius` from the axis, up to the height `height`.
-    Cylinder { base: Vec3, axis: Vec3, radius: f32, height: f32 },
+    Cylinder {
+        base: Vec3,
+        axis: Vec3,
+        radius: f32,
+        height: f32,
+    },
     /// Half a disc: on that side of the axis to which the unit vector `side` points, which is perpendicular to it.
-    HalfDisc { center: Vec3, axis: Vec3, side: Vec3, radius: f32 },
+    HalfDisc {
+        center: Vec3,
+        axis: Vec3,
+        side: Vec3,
+        radius: f32,
+    },
 }
 
 /// Where a ray meets a shape.
@@ -41,16 +63,31 @@ impl Shape {
                 })
             }
             Self::Sphere { center, radius } => (center - radius, center + radius),
-            Self::Cone { apex, axis, cosine, length } => {
+            Self::Cone {
+                apex,
+                axis,
+                cosine,
+                length,
+            } => {
                 let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
                 let (lower, upper) = disc_bounds(apex + axis * (cosine * length), axis, sine * length);
                 (lower.min(apex), upper.max(apex))
             }
-            Self::Cylinder { base, axis, radius, height } => {
+            Self::Cylinder {
+                base,
+                axis,
+                radius,
+                height,
+            } => {
                 let [first, last] = [base, base + axis * height].map(|center| disc_bounds(center, axis, radius));
                 (first.0.min(last.0), first.1.max(last.1))
             }
-            Self::HalfDisc { center, axis, side, radius } => disc_bounds(center, axis.cross(side), radius),
+            Self::HalfDisc {
+                center,
+                axis,
+                side,
+                radius,
+            } => disc_bounds(center, axis.cross(side), radius),
         }
     }
 
@@ -64,7 +101,7 @@ impl Shape {
         };
         match *self {
             Self::Parallelogram { origin, edges, lengths } => {
-                let [a, b] = edges.map(Vec3::as_dvec3);
+                let [a, b] = edges.map(|edge| edge.as_dvec3());
                 let normal = a.cross(b);
                 let slant = normal.dot(on);
                 let between = origin.as_dvec3() - from;
@@ -84,10 +121,20 @@ impl Shape {
                 let half = between.dot(on);
                 let rest = between - on * half;
                 let radius = f64::from(radius);
-                roots(1.0, half, between.length_squared() - radius * radius, radius * radius - rest.length_squared())
-                    .map(|root| root.filter(|distance| within(*distance)).map(plain))
+                roots(
+                    1.0,
+                    half,
+                    between.length_squared() - radius * radius,
+                    radius * radius - rest.length_squared(),
+                )
+                .map(|root| root.filter(|distance| within(*distance)).map(plain))
             }
-            Self::Cone { apex, axis, cosine, length } => {
+            Self::Cone {
+                apex,
+                axis,
+                cosine,
+                length,
+            } => {
                 let (axis, between) = (axis.as_dvec3(), from - apex.as_dvec3());
                 let cosine = f64::from(cosine);
                 let (along, height) = (on.dot(axis), between.dot(axis));
@@ -95,17 +142,21 @@ impl Shape {
                 let a = along * along - cosine * cosine;
                 let half = along * height - cosine * cosine * between.dot(on);
                 let c = height * height - cosine * cosine * between.length_squared();
-                roots(a, half, c, half * half - a * c)
-                    .map(|root| {
-                        root.filter(|distance| {
-                            let place = between + on * *distance;
-                            let right_side = place.dot(axis) * cosine >= 0.0;
-                            within(*distance) && right_side && place.length() <= f64::from(length)
-                        })
-                        .map(plain)
+                roots(a, half, c, half * half - a * c).map(|root| {
+                    root.filter(|distance| {
+                        let place = between + on * *distance;
+                        let right_side = place.dot(axis) * cosine >= 0.0;
+                        within(*distance) && right_side && place.length() <= f64::from(length)
                     })
+                    .map(plain)
+                })
             }
-            Self::Cylinder { base, axis, radius, height } => {
+            Self::Cylinder {
+                base,
+                axis,
+                radius,
+                height,
+            } => {
                 let (axis, between) = (axis.as_dvec3(), from - base.as_dvec3());
                 let across = |v: DVec3| v - axis * v.dot(axis);
                 let (on_across, between_across) = (across(on), across(between));
@@ -123,7 +174,12 @@ impl Shape {
                     })
                 })
             }
-            Self::HalfDisc { center, axis, side, radius } => {
+            Self::HalfDisc {
+                center,
+                axis,
+                side,
+                radius,
+            } => {
                 let side = side.as_dvec3();
                 let normal = axis.as_dvec3().cross(side);
                 let between = center.as_dvec3() - from;

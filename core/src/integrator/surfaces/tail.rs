@@ -6,7 +6,7 @@ use crate::geometry::{Ray, SurfacePoint};
 use crate::light::{EmissionSample, Lights, Origin};
 use crate::math::{Frame, TAU, Vec2, Vec3, safe_sqrt, sin_cos};
 use crate::medium::{Medium, MediumId, Phase};
-use crate::path::{Event, States, Tracer, Vertex, Walk, Way};
+use crate::path::{ANY, AT_LIGHT, Event, States, Tracer, Vertex, Walk, Way};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -74,7 +74,8 @@ pub(super) fn pdf_of_cosine(cosine: f32) -> f32 {
 
 impl<'s> Tail<'s> {
     /// The tail of a light, with directions about its normal, or about any axis.
-    pub(super) fn of_light(scene: &Scene, start: &EmissionSample, states: States, random: &mut PathRandom) -> Option<Self> {
+    pub(super) fn of_light(scene: &Scene, start: &EmissionSample, random: &mut PathRandom) -> Option<Self> {
+        let states = scene.paths.as_ref().map_or(ANY, |_| AT_LIGHT);
         let (at, axis) = match &start.origin {
             Origin::Area(_, point) => (point.position, point.geometric_normal),
             Origin::Point(_) => (start.ray.origin, Vec3::Z),
@@ -82,11 +83,24 @@ impl<'s> Tail<'s> {
         };
         let medium = scene.medium_of_light(start);
         let stem = Stem::Light(Box::new(*start));
-        Some(Self::free(scene, stem, [medium, medium], (at, axis), Spectrum::ONE, (1, states), random))
+        Some(Self::free(
+            scene,
+            stem,
+            [medium, medium],
+            (at, axis),
+            Spectrum::ONE,
+            (1, states),
+            random,
+        ))
     }
 
     /// The tail of a surface that scatters light, with directions about its normal.
-    pub(super) fn of_surface(scene: &Scene, vertex: &Vertex<'s>, point: &SurfacePoint, random: &mut PathRandom) -> Self {
+    pub(super) fn of_surface(
+        scene: &Scene,
+        vertex: &Vertex<'s>,
+        point: &SurfacePoint,
+        random: &mut PathRandom,
+    ) -> Self {
         let axis = point.geometric_normal;
         let media = [axis, -axis].map(|direction| vertex.medium_towards(direction));
         let counted = (vertex.counted_edges + 1, vertex.states.smooth);
@@ -173,10 +187,7 @@ impl<'s> Tail<'s> {
             Stem::Light(start) => {
                 let ray = match &start.origin {
                     Origin::Area(_, point) => point.ray_towards(direction),
-                    _ => Ray {
-                        direction,
-                        ..start.ray
-                    },
+                    _ => Ray { direction, ..start.ray },
                 };
                 let along = EmissionSample { ray, ..**start };
                 Way {
@@ -205,18 +216,34 @@ impl<'s> Tail<'s> {
 }
 
 /// Adds the tails that begin on the edge that a light path is about to take: pieces of it in different media have their own.
-pub(super) fn add_along<'s>(walk: &Walk, from_medium: bool, tracer: &mut Tracer<'s>, random: &mut PathRandom, tails: &mut Vec<Tail<'s>>) {
+pub(super) fn add_along<'s>(
+    walk: &Walk,
+    from_medium: bool,
+    tracer: &mut Tracer<'s>,
+    random: &mut PathRandom,
+    tails: &mut Vec<Tail<'s>>,
+) {
     let scene = tracer.scene;
-    let Way { mut ray, mut medium, .. } = walk.way();
+    let Way {
+        mut ray, mut medium, ..
+    } = walk.way();
     let mut flux = walk.carried.beta();
     let edges = walk.counted_with_next();
     loop {
         let hit = tracer.intersect(&ray);
         let end = hit.as_ref().map_or(ray.max_distance, |point| point.distance);
         if let Some((id, inside)) = scene.medium(medium) {
-            let piece = Ray { max_distance: end, ..ray };
+            let piece = Ray {
+                max_distance: end,
+                ..ray
+            };
             if let Some(rates) = Rates::of(inside) {
-                let piece = Piece { id, phase: &inside.phase, rates, ray: &piece };
+                let piece = Piece {
+                    id,
+                    phase: &inside.phase,
+                    rates,
+                    ray: &piece,
+                };
                 let counted = (edges, walk.states);
                 tails.push(piece.tail(scene, Kind::Three, flux, counted, random));
                 if !from_medium {
@@ -231,7 +258,9 @@ pub(super) fn add_along<'s>(walk: &Walk, from_medium: bool, tracer: &mut Tracer<
         let Some(point) = hit.filter(|point| scene.is_passed(point)) else {
             return;
         };
-        medium = scene.media_about(&point, medium).towards(ray.direction, point.geometric_normal);
+        medium = scene
+            .media_about(&point, medium)
+            .towards(ray.direction, point.geometric_normal);
         ray = Ray {
             max_distance: ray.max_distance - point.distance,
             ..point.ray_towards(ray.direction)
@@ -240,7 +269,10 @@ pub(super) fn add_along<'s>(walk: &Walk, from_medium: bool, tracer: &mut Tracer<
 }
 
 fn piece_of(ray: &Ray, end: f32) -> Ray {
-    Ray { max_distance: end, ..*ray }
+    Ray {
+        max_distance: end,
+        ..*ray
+    }
 }
 
 /// A piece of a light path's edge in a medium.
@@ -252,7 +284,14 @@ struct Piece<'p> {
 }
 
 impl Piece<'_> {
-    fn tail<'s>(&self, scene: &Scene, kind: Kind, flux: Spectrum, (edges, states): (u32, States), random: &mut PathRandom) -> Tail<'s> {
+    fn tail<'s>(
+        &self,
+        scene: &Scene,
+        kind: Kind,
+        flux: Spectrum,
+        (edges, states): (u32, States),
+        random: &mut PathRandom,
+    ) -> Tail<'s> {
         let first = kind.first();
         let mut directions = [self.ray.direction; 3];
         for segment in (0..first).rev() {

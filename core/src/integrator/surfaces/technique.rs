@@ -215,7 +215,10 @@ impl Densities {
         let lengths: f32 = (0..=first).map(of_length).product();
         let before: f32 = (1..first).map(|segment| self.directions[segment]).product();
         let drawn = lengths * before;
-        let Chain { directions, lengths: [length, ..] } = self.chain;
+        let Chain {
+            directions,
+            lengths: [length, ..],
+        } = self.chain;
         let [on, axis] = [directions[0], directions[1]];
         let cosine = on.dot(axis);
         // The density of the cosine with the direction before.

@@ -2,8 +2,8 @@
 
 use super::Walk;
 use crate::geometry::Ray;
-use crate::medium::{Medium, MediumId};
 use crate::material::TransportMode;
+use crate::medium::{Medium, MediumId};
 use crate::path::expression::{ANY, Event, States};
 use crate::path::vertex::{Vertex, VertexStates};
 use crate::random::PathRandom;
