@@ -13,6 +13,8 @@ pub struct Field {
     sigma_t: GridVolume,
     /// The greatest extinction of any channel in each brick, x fastest \[1/unit\].
     bounds: Vec<f32>,
+    /// Their mean, over those that are not zero.
+    mean_bound: f32,
 }
 
 /// A place where a path may collide.
@@ -34,8 +36,19 @@ impl Field {
     #[must_use]
     pub fn new(sigma_t: GridVolume) -> Self {
         let factor = sigma_t.factor.max_component() * ROUNDING;
-        let bounds = sigma_t.grid.greatest().into_iter().map(|most| most * factor).collect();
-        Self { sigma_t, bounds }
+        let bounds: Vec<f32> = sigma_t.grid.greatest().into_iter().map(|most| most * factor).collect();
+        let filled = bounds.iter().filter(|bound| **bound > 0.0);
+        let (sum, count) = filled.fold((0.0, 0.0), |(sum, count), bound| (sum + f64::from(*bound), count + 1.0));
+        Self {
+            sigma_t,
+            mean_bound: if count > 0.0 { (sum / count) as f32 } else { 0.0 },
+            bounds,
+        }
+    }
+
+    /// The mean bound of the bricks that hold something \[1/unit\].
+    pub(super) fn mean_bound(&self) -> f32 {
+        self.mean_bound
     }
 
     /// The extinction at a collision.
