@@ -5,7 +5,7 @@ use crate::scene::spectrum::{BRIGHTEST, blackbody, planck, xyz_of_emission, xyz_
 /// The colours of black bodies whose radiance is 1 at the wavelength where it is largest (pbrt-v4, `BlackbodySpectrum`), as its film shows
 /// them.
 pub(super) struct Heat {
-    /// At temperatures of which each is [`RATIO`] times the one before.
+    /// At temperatures from [`COLDEST`] to [`WARMEST`], of which each is as many times the one before.
     colours: Vec<[f64; 3]>,
 }
 
@@ -45,9 +45,12 @@ impl Heat {
     }
 }
 
-/// A number of a lattice, not negative and not too large.
+/// A number of a lattice, not negative and not too large; 0 where it is none.
 pub(super) fn bounded(value: f64) -> f32 {
-    value.clamp(0.0, BRIGHTEST) as f32
+    match value > 0.0 {
+        true => value.min(BRIGHTEST) as f32,
+        false => 0.0,
+    }
 }
 
 #[cfg(test)]
@@ -76,6 +79,7 @@ mod tests {
         let [r, g, b] = heat.at(6504.0);
         let luminance = 0.212_6 * r + 0.715_2 * g + 0.072_2 * b;
         assert!((luminance / LUMINANCE_OF_ONE - 0.88).abs() < 0.03, "{luminance}");
+        assert_eq!([-1.0, f64::NAN, 2.0, f64::INFINITY].map(bounded), [0.0, 0.0, 2.0, 1e12]);
         assert_eq!(heat.at(100.0), [0.0; 3]);
         assert_eq!(heat.at(f64::NAN), [0.0; 3]);
         assert_eq!(heat.at(1e9), heat.at(1e5));

@@ -160,6 +160,24 @@ fn what_is_not_there_or_not_read_is_told() {
     );
 }
 
+/// A file may be blocks of memory one after the other, without descriptions.
+#[test]
+fn blocks_of_memory_stand_for_themselves() {
+    let block = |name: &str, value: f32| {
+        let mut block = nano_vdb(name, 0, &[([1, 2, 3], [value; VOXELS])]).split_off(16 + 176 + name.len() + 1);
+        let size = block.len() as u64;
+        block[..8].copy_from_slice(b"NanoVDB1");
+        block[32..40].copy_from_slice(&size.to_le_bytes());
+        block
+    };
+    let file = loaded("a.nvdb", [block("heat", 2.0), block("density", 3.0)].concat());
+    for (name, expected) in [(None, 3.0), (Some("heat"), 2.0)] {
+        let lattice = lattice(&file, name, &Limits::default()).unwrap();
+        assert_eq!((lattice.first, lattice.grid.size()), ([8, 16, 24], [8; 3]));
+        assert_eq!(value(&lattice, [15, 16, 31]), expected);
+    }
+}
+
 /// Files that are cut off, and files of which bytes were changed: an error or a lattice, and neither a panic nor much memory.
 #[test]
 fn broken_files_are_errors() {

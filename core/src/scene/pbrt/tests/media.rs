@@ -2,7 +2,9 @@
 
 use super::super::heat::{Heat, LUMINANCE_OF_ONE};
 use super::*;
+use crate::integrator::{IntegratorSettings, Unobserved, render_iteration};
 use crate::medium::{Extinction, Grid};
+use crate::settings::PathSettings;
 use std::sync::Arc;
 
 const BALL: &str =
@@ -132,6 +134,43 @@ fn lattices_glow() {
         emission.voxel([1, 0, 0]).to_rgb(),
         Heat::new().at(3000.0).map(|channel| 6.0 * channel),
     );
+}
+
+/// A slab that glows by its temperature and scatters nothing has the radiance of its black body times what it would absorb.
+#[test]
+fn a_hot_slab_has_the_radiance_of_the_closed_form() {
+    // The transforms before a medium place it: those of the camera follow.
+    let scene = load(
+        "MakeNamedMedium \"m\" \"string type\" \"uniformgrid\" \"integer nx\" 2 \"float density\" [0.5 0.5] \"float temperature\" [3000 3000]
+         \"rgb sigma_a\" [1 2 4] \"rgb sigma_s\" [0 0 0] \"point3 p0\" [-1 -1 -1] \"point3 p1\" [1 1 1]
+         Film \"rgb\" \"integer xresolution\" 1 \"integer yresolution\" 1 PixelFilter \"box\" LookAt 0 0 -5 0 0 0 0 1 0
+         Camera \"perspective\" \"float fov\" 0.01 WorldBegin
+         LightSource \"infinite\" \"rgb L\" [0 0 0] MediumInterface \"m\" \"\" Material \"interface\" Shape \"sphere\" \"float radius\" 3",
+    );
+    let settings = IntegratorSettings::Path(PathSettings {
+        samples: 1 << 12,
+        ..PathSettings::default()
+    });
+    let images: Vec<[f32; 3]> = (1..=16)
+        .map(|iteration| {
+            render_iteration(&scene, &settings, 3, iteration, &Unobserved)
+                .unwrap()
+                .pixels[0]
+                .to_rgb()
+        })
+        .collect();
+    let black_body = Heat::new().at(3000.0);
+    for (channel, sigma_a) in [1.0, 2.0, 4.0_f64].into_iter().enumerate() {
+        let values = images.iter().map(|image| f64::from(image[channel]));
+        let mean = values.clone().sum::<f64>() / 16.0;
+        let variance = values.map(|value| (value - mean) * (value - mean)).sum::<f64>() / 15.0;
+        let expected = black_body[channel] * (1.0 - libm::exp(-sigma_a));
+        // Three means beyond five standard errors: a false alarm in 500,000.
+        assert!(
+            (mean - expected).abs() <= 5.0 * (variance / 16.0).sqrt() + 1e-4 * expected,
+            "{mean}, not {expected}"
+        );
+    }
 }
 
 #[test]
