@@ -75,6 +75,10 @@ fn files() -> BTreeMap<String, Vec<u8>> {
         bytes.extend((0..width * height * 3).flat_map(|_| 0.5_f32.to_le_bytes()));
         bytes
     };
+    let mut lattice = b"VOL\x03".to_vec();
+    lattice.extend([1, 1, 1, 1, 1].iter().flat_map(|number: &i32| number.to_le_bytes()));
+    let numbers = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.5_f32];
+    lattice.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
     packed.write_all(ply.as_bytes()).unwrap();
     // Three positions, the indices 0, 1 and 2, and the times 0 to 2.
@@ -97,6 +101,16 @@ fn files() -> BTreeMap<String, Vec<u8>> {
         ("image.pfm", pfm(4, 2)),
         ("square.pfm", pfm(2, 2)),
         ("image.png", png.into_inner()),
+        ("fog.vol", lattice),
+        // What is packed is unpacked when it is read.
+        (
+            "fog.vdb",
+            include_bytes!("../src/scene/volume/tests/fog.vdb.gz").to_vec(),
+        ),
+        (
+            "fog.nvdb",
+            include_bytes!("../src/scene/volume/tests/fog-zip.nvdb.gz").to_vec(),
+        ),
         ("lamp.ies", ies.into()),
         ("triangle.bin", triangle),
     ]

@@ -42,7 +42,9 @@ fn check(settings: &IntegratorSettings) {
 fn every_integrator_has_the_same_bits_with_any_number_of_threads() {
     for integrator in INTEGRATORS.into_iter().filter(|it| it.statistics_per_pixel == 0) {
         let photons = integrator.setting("photons");
-        let given = photons.map(|setting| (setting.name.to_owned(), 30_000.into()));
+        // A ray crosses much of what light paths sweep out.
+        let count = if integrator.name == "surfaces" { 200 } else { 30_000 };
+        let given = photons.map(|setting| (setting.name.to_owned(), count.into()));
         check(&integrator.read(given.into_iter().collect()).unwrap());
     }
 }

@@ -18,7 +18,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
     Target {
         name: "message",
         run: wire::message,
@@ -83,6 +83,11 @@ pub const TARGETS: [Target; 13] = [
         name: "spectrum",
         run: input::spectrum,
         seeds: seeds::spectra,
+    },
+    Target {
+        name: "volume",
+        run: input::volume,
+        seeds: seeds::volumes,
     },
 ];
 

@@ -4,8 +4,8 @@
 use photonfarm_core::integrator::{Unobserved, render_next};
 use photonfarm_core::scene::Scene;
 use photonfarm_core::settings::{
-    BdptSettings, DirectionSampler, IntegratorSettings, KernelShape, LightSettings, LookupVertex, PathSettings,
-    PcfSettings, PppmSettings, SppmSettings, VcmSettings,
+    BdptSettings, DirectionSampler, IntegratorSettings, KernelShape, LightSettings, LookupVertex, MediaEstimator,
+    PathSettings, PcfSettings, PppmSettings, SppmSettings, SurfacesSettings, VcmSettings,
 };
 use photonfarm_tests::scenes;
 use std::path::Path;
@@ -27,10 +27,18 @@ const HEAD: &str = "# BLAKE3 digests of the pixels of small images: scene, integ
     #     UPDATE=1 cargo test --workspace --release --test digests\n\
     # A line that changes says that jobs rendered before and after do not mix.\n";
 
-fn integrators() -> [(&'static str, IntegratorSettings); 8] {
+fn integrators() -> [(&'static str, IntegratorSettings); 10] {
     let photons = PppmSettings {
         photons: 2_000,
         samples: 2,
+        ..Default::default()
+    };
+    let beams = PppmSettings {
+        media: MediaEstimator::Beams,
+        ..photons.clone()
+    };
+    let surfaces = SurfacesSettings {
+        photons: 100,
         ..Default::default()
     };
     let cones = PcfSettings {
@@ -78,6 +86,8 @@ fn integrators() -> [(&'static str, IntegratorSettings); 8] {
             }),
         ),
         ("pppm", IntegratorSettings::Pppm(photons.clone())),
+        ("pppm-beams", IntegratorSettings::Pppm(beams)),
+        ("surfaces", IntegratorSettings::Surfaces(surfaces)),
         ("sppm", IntegratorSettings::Sppm(SppmSettings(photons))),
         ("pcf", IntegratorSettings::Pcf(cones)),
         ("pcf-everything", IntegratorSettings::Pcf(everything)),

@@ -7,7 +7,7 @@ import { acting, ask, Refused } from "./farm.js";
 import { element } from "./words.js";
 
 const SCENES = /\.(xml|pbrt|gltf|glb)$/i;
-const INTEGRATORS = ["pppm", "pcf", "vcm", "bdpt", "path", "light", "sppm"];
+const INTEGRATORS = ["pppm", "pcf", "vcm", "bdpt", "path", "light", "surfaces", "sppm"];
 
 /** Sends the files that the farm lacks, and returns the name of the bundle. */
 async function send(files, told) {

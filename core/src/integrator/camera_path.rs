@@ -22,6 +22,15 @@ enum Found {
     No,
 }
 
+/// Which light counts that edges and connections find.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Counted {
+    All,
+    /// That of lights at infinity.
+    Beyond,
+    Nothing,
+}
+
 /// A camera path and the radiance that it has found so far.
 ///
 /// An integrator asks for one edge and its vertex after the other, adds direct light there or what else it knows of, and goes on.
@@ -32,6 +41,7 @@ pub(super) struct CameraPath<'t, 'a> {
     /// Most edges of a path.
     max_edges: u32,
     found: Found,
+    counted: Counted,
     pub(super) radiance: Spectrum,
 }
 
@@ -43,13 +53,27 @@ impl<'t, 'a> CameraPath<'t, 'a> {
         };
         let walk = Walk::from_camera(tracer.scene, ray, random);
         Self {
+            found,
+            ..Self::going_on(tracer, walk, random, max_edges)
+        }
+    }
+
+    /// A path that has come to a vertex.
+    pub(super) fn going_on(tracer: &'t mut Tracer<'a>, walk: Walk, random: &'t mut PathRandom, max_edges: u32) -> Self {
+        Self {
             tracer,
             random,
             walk,
             max_edges,
-            found,
+            found: Found::InFull,
+            counted: Counted::All,
             radiance: Spectrum::ZERO,
         }
+    }
+
+    /// From now on no other light counts, but for what media emit.
+    pub(super) fn count(&mut self, counted: Counted) {
+        self.counted = counted;
     }
 
     /// From now on media do not scatter the path: it carries on what comes through.
@@ -93,7 +117,12 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     /// Adds the light of a surface, or of what surrounds the scene, that the edge has come to.
     #[inline(always)]
     fn add_found(&mut self, met: &Met) {
-        if self.walk.states & AT_LIGHT != 0 {
+        let counts = match self.counted {
+            Counted::All => true,
+            Counted::Beyond => met.is_nothing(),
+            Counted::Nothing => false,
+        };
+        if counts && self.walk.states & AT_LIGHT != 0 {
             self.radiance += self.found.emission(self.tracer.scene, &self.walk, met);
         }
     }
@@ -113,7 +142,12 @@ impl<'t, 'a> CameraPath<'t, 'a> {
 
     /// What a vertex gives to the camera by a connection with the point of a light that `choice` and `u` choose, with its share.
     fn direct_light(&mut self, vertex: &Vertex, choice: f64, u: DVec2) -> Spectrum {
-        let Some(light) = self.tracer.sample_light(vertex, choice, u) else {
+        let light = self.tracer.sample_light(vertex, choice, u);
+        let Some(light) = light.filter(|light| match self.counted {
+            Counted::All => true,
+            Counted::Beyond => light.distance.is_infinite(),
+            Counted::Nothing => false,
+        }) else {
             return Spectrum::ZERO;
         };
         let f = vertex.eval(light.wi);

@@ -20,6 +20,7 @@ mod pppm;
 #[cfg(test)]
 mod seen;
 mod sppm;
+mod surfaces;
 #[cfg(test)]
 mod test_scenes;
 mod vcm;
@@ -45,7 +46,7 @@ use std::ops::Range;
 use thiserror::Error;
 
 /// All integrators.
-pub const INTEGRATORS: [&Integrator; 7] = [
+pub const INTEGRATORS: [&Integrator; 8] = [
     &path::settings::INTEGRATOR,
     &light::settings::INTEGRATOR,
     &bdpt::settings::INTEGRATOR,
@@ -53,6 +54,7 @@ pub const INTEGRATORS: [&Integrator; 7] = [
     &pppm::settings::INTEGRATOR,
     &sppm::settings::INTEGRATOR,
     &pcf::settings::INTEGRATOR,
+    &surfaces::settings::INTEGRATOR,
 ];
 
 /// The types of their settings, which [`crate::settings`] shows.
@@ -64,6 +66,7 @@ pub(crate) mod types {
     pub use super::pcf::settings::*;
     pub use super::pppm::settings::*;
     pub use super::sppm::settings::*;
+    pub use super::surfaces::settings::*;
     pub use super::vcm::settings::*;
 }
 
@@ -85,6 +88,8 @@ pub enum IntegratorSettings {
     Sppm(types::SppmSettings),
     /// Photon cone focusing (Chang 2019).
     Pcf(types::PcfSettings),
+    /// Photon surfaces in media (Deng et al. 2019).
+    Surfaces(types::SurfacesSettings),
 }
 
 impl IntegratorSettings {
@@ -97,6 +102,7 @@ impl IntegratorSettings {
             Self::Pppm(settings) => settings,
             Self::Sppm(settings) => settings,
             Self::Pcf(settings) => settings,
+            Self::Surfaces(settings) => settings,
         }
     }
 }

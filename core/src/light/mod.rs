@@ -245,6 +245,21 @@ impl Lights {
         }
     }
 
+    /// Radiant intensity of a light at a point along the unit vector `direction` \[W/sr\].
+    pub(crate) fn intensity(&self, light: LightId, direction: Vec3) -> Spectrum {
+        let index = light.0 as usize;
+        if self.is_dark(index) {
+            return Spectrum::ZERO;
+        }
+        match &self.sources[index] {
+            Source::Point { intensity, .. } => *intensity,
+            Source::Spot(spot) => spot.intensity(direction),
+            Source::Projector(projector) => projector.intensity(direction),
+            Source::Goniometric(lamp) => lamp.intensity(direction),
+            _ => Spectrum::ZERO,
+        }
+    }
+
     /// Radiance that arrives from outside the scene from the unit vector `direction`; the sum over distant lights without a portal.
     #[must_use]
     pub(crate) fn background(&self, direction: Vec3) -> Spectrum {

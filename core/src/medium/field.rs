@@ -13,6 +13,8 @@ pub struct Field {
     sigma_t: GridVolume,
     /// The greatest extinction of any channel in each brick, x fastest \[1/unit\].
     bounds: Vec<f32>,
+    /// Their mean, over those that are not zero.
+    mean_bound: f32,
 }
 
 /// A place where a path may collide.
@@ -34,8 +36,19 @@ impl Field {
     #[must_use]
     pub fn new(sigma_t: GridVolume) -> Self {
         let factor = sigma_t.factor.max_component() * ROUNDING;
-        let bounds = sigma_t.grid.greatest().into_iter().map(|most| most * factor).collect();
-        Self { sigma_t, bounds }
+        let bounds: Vec<f32> = sigma_t.grid.greatest().into_iter().map(|most| most * factor).collect();
+        let filled = bounds.iter().filter(|bound| **bound > 0.0);
+        let (sum, count) = filled.fold((0.0, 0.0), |(sum, count), bound| (sum + f64::from(*bound), count + 1.0));
+        Self {
+            sigma_t,
+            mean_bound: if count > 0.0 { (sum / count) as f32 } else { 0.0 },
+            bounds,
+        }
+    }
+
+    /// The mean bound of the bricks that hold something \[1/unit\].
+    pub(super) fn mean_bound(&self) -> f32 {
+        self.mean_bound
     }
 
     /// The extinction at a collision.
@@ -130,17 +143,18 @@ impl BrickWalk {
         let matrix = volume.to_local.matrix();
         let origin = volume.to_voxels(matrix.transform_point3(ray.origin.as_dvec3()));
         let direction = volume.to_voxels(matrix.transform_vector3(ray.direction.as_dvec3()));
-        let extent = volume.grid.extent().as_dvec3().to_array();
+        let lower = volume.margin;
+        let upper = volume.grid.extent().as_dvec3().to_array().map(|extent| extent - lower);
         let (mut start, mut end) = (0.0_f64, f64::from(distance));
         for axis in 0..3 {
             let (from, way) = (origin[axis], direction[axis]);
             if way == 0.0 {
-                if !(0.0..extent[axis]).contains(&from) {
+                if !(lower..upper[axis]).contains(&from) {
                     return None;
                 }
                 continue;
             }
-            let (first, second) = (-from / way, (extent[axis] - from) / way);
+            let (first, second) = ((lower - from) / way, (upper[axis] - from) / way);
             start = start.max(first.min(second));
             end = end.min(first.max(second));
         }

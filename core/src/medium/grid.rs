@@ -57,7 +57,7 @@ impl Grid {
     }
 
     /// Whether its values are colours.
-    pub(super) fn is_coloured(&self) -> bool {
+    pub(crate) fn is_coloured(&self) -> bool {
         self.channels > 1
     }
 
@@ -88,6 +88,103 @@ impl Grid {
         };
         let at = start + offset * self.channels;
         self.values[at..at + self.channels].copy_from_slice(&value[..self.channels]);
+        Ok(())
+    }
+
+    /// Takes memory for so many bricks of numbers, and no more.
+    ///
+    /// # Errors
+    /// There is no such memory.
+    pub(crate) fn reserve(&mut self, bricks: usize) -> Result<(), TryReserveError> {
+        self.values.try_reserve_exact(bricks.saturating_mul(VOXELS))
+    }
+
+    /// Sets the values of the whole brick that begins at a voxel of a lattice of numbers, x fastest: finite, and not negative.
+    ///
+    /// # Errors
+    /// Memory does not hold it.
+    pub(crate) fn set_brick(&mut self, voxel: [u32; 3], values: &[f32; VOXELS]) -> Result<(), TryReserveError> {
+        if values.iter().all(|value| *value == 0.0) {
+            return Ok(());
+        }
+        let (brick, _) = self.locate(voxel);
+        self.bricks[brick] = self.add_brick(values)?;
+        Ok(())
+    }
+
+    /// Gives one value to all voxels of a cube of whole bricks, which begins at `voxel` and is `edge` voxels long. The bricks share their memory: no
+    /// voxel in them is set afterwards.
+    ///
+    /// # Errors
+    /// Memory does not hold a brick.
+    pub(crate) fn fill(&mut self, voxel: [u32; 3], edge: u32, value: f32) -> Result<(), TryReserveError> {
+        let place = self.add_brick(&[value; VOXELS])?;
+        let [x, y, z] = voxel.map(|first| (first..first + edge).step_by(BRICK as usize));
+        for z in z {
+            for y in y.clone() {
+                for x in x.clone() {
+                    let (brick, _) = self.locate([x, y, z]);
+                    self.bricks[brick] = place;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes of a lattice of colours with as many bricks that are not zero.
+    pub(crate) fn coloured_bytes(&self) -> u64 {
+        let kept = self.bricks.iter().filter(|place| **place != NONE).count();
+        (size_of_val(&self.bricks[..]) + kept * VOXELS * CHANNELS * size_of::<f32>()) as u64
+    }
+
+    /// A lattice of the colours that `colour` makes of the place and the value of each voxel of a lattice of numbers, where that is not zero.
+    ///
+    /// # Errors
+    /// Memory does not hold it.
+    pub(crate) fn coloured(&self, colour: impl Fn([u32; 3], f32) -> [f32; CHANNELS]) -> Result<Self, TryReserveError> {
+        let mut coloured = Self::new(self.size, true)?;
+        let kept = self.bricks.iter().filter(|place| **place != NONE).count();
+        coloured.values.try_reserve_exact(kept * VOXELS * CHANNELS)?;
+        let along = self.bricks_along();
+        for (brick, place) in self.bricks.iter().enumerate().filter(|(_, place)| **place != NONE) {
+            let origin = [
+                brick % along[0],
+                brick / along[0] % along[1],
+                brick / along[0] / along[1],
+            ];
+            let values = &self.values[*place as usize * VOXELS..][..VOXELS];
+            for (offset, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+                let edge = BRICK as usize;
+                let within = [offset % edge, offset / edge % edge, offset / edge / edge];
+                let voxel = std::array::from_fn(|axis| (origin[axis] * edge + within[axis]) as u32);
+                coloured.set(voxel, &colour(voxel, *value))?;
+            }
+        }
+        Ok(coloured)
+    }
+
+    /// Adds a brick, and says its place.
+    fn add_brick(&mut self, values: &[f32; VOXELS]) -> Result<u32, TryReserveError> {
+        self.values.try_reserve(VOXELS)?;
+        let place = (self.values.len() / VOXELS) as u32;
+        self.values.extend_from_slice(values);
+        Ok(place)
+    }
+
+    /// Sets the voxels from `origin` on to those of another lattice with as many channels, which does not reach beyond this one.
+    ///
+    /// # Errors
+    /// Memory does not hold a brick.
+    pub(crate) fn copy(&mut self, part: &Self, origin: [u32; 3]) -> Result<(), TryReserveError> {
+        let [width, height, depth] = part.size;
+        for z in 0..depth {
+            for y in 0..height {
+                for x in 0..width {
+                    let voxel = [origin[0] + x, origin[1] + y, origin[2] + z];
+                    self.set(voxel, &part.voxel([x, y, z]).to_rgb())?;
+                }
+            }
+        }
         Ok(())
     }
 

@@ -234,6 +234,20 @@ impl Medium {
         }
     }
 
+    /// An extinction in proportion to which lengths are drawn where any density will do: in a lattice half its bound in the bricks that hold
+    /// something, on the mean.
+    pub(crate) fn typical_extinction(&self) -> Spectrum {
+        match &self.extinction {
+            Extinction::Uniform(sigma_t) => *sigma_t,
+            Extinction::Varying(field) => Spectrum::splat(0.5 * field.mean_bound()),
+        }
+    }
+
+    /// Whether it emits light.
+    pub(crate) fn glows(&self) -> bool {
+        !matches!(&self.emission, Volume::Constant(emission) if emission.is_black())
+    }
+
     /// The scattering coefficient at a place \[1/unit\].
     pub(crate) fn scattering(&self, place: Vec3) -> Spectrum {
         let sigma_t = match &self.extinction {

@@ -18,7 +18,11 @@ pub(crate) fn scene(body: &str) -> Scene {
 
 /// A scene with further files.
 pub(crate) fn scene_with(body: &str, files: &[(&str, Vec<u8>)]) -> Scene {
-    let text = format!("<scene version='3.0.0'>{body}</scene>");
+    scene_of("3.0.0", body, files)
+}
+
+fn scene_of(version: &str, body: &str, files: &[(&str, Vec<u8>)]) -> Scene {
+    let text = format!("<scene version='{version}'>{body}</scene>");
     let mut all = BTreeMap::from([("main.xml".to_owned(), text.into_bytes())]);
     all.extend(files.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.clone())));
     let scene = Scene::load(&all, "main.xml", &BTreeMap::new(), &Limits::default()).unwrap();
@@ -275,6 +279,88 @@ fn a_lattice_absorbs_what_lies_on_the_way() {
     let found = estimate(&scene, &path(1 << 12, None), 16);
     for (channel, found) in found.into_iter().enumerate() {
         agrees(&format!("channel {channel}"), found, f64::exp(-2.0 * mean), 1e-4);
+    }
+}
+
+/// The faces of a lattice of Mitsuba 0.6 go through the middles of its outer voxels, and what lies outside of it is empty; a shape without a BSDF bounds
+/// the medium and is not seen.
+#[test]
+fn a_lattice_of_mitsuba_0_6_ends_at_the_middles_of_its_voxels() {
+    let mut file = vol([2, 2, 3], |_, _, z| 1.0 + z as f32);
+    for (index, corner) in [-1.0_f32, -1.0, -1.0, 1.0, 1.0, 1.0].into_iter().enumerate() {
+        file[24 + 4 * index..][..4].copy_from_slice(&corner.to_le_bytes());
+    }
+    let body = |volume: &str| {
+        format!(
+            "{}<emitter type='constant'/><shape type='cube'><transform name='toWorld'><scale value='4'/></transform>\
+             <medium name='interior' type='heterogeneous'>{volume}<volume name='albedo' type='constvolume'>\
+             <spectrum name='value' value='0'/></volume><float name='scale' value='0.25'/></medium></shape>",
+            narrow_camera("0.3 0.2 -5")
+        )
+    };
+    let grid = "type='gridvolume'><string name='filename' value='sigma.vol'/>";
+    let blocks = "<volume name='density' type='hgridvolume'><string name='filename' value='table'/><string name='prefix' value='b'/>\
+                  <string name='postfix' value='.vol'/></volume>";
+    for (volume, expected) in [
+        // The trapezia of 1, 2 and 3.
+        (blocks.to_owned(), 4.0),
+        (format!("<volume name='density' {grid}</volume>"), 4.0),
+        (
+            format!("<volume name='density' type='volcache'><volume {grid}</volume></volume>"),
+            4.0,
+        ),
+        (
+            format!(
+                "<volume name='density' {grid}<transform name='toWorld'><scale z='2' x='1' y='1'/></transform></volume>"
+            ),
+            8.0,
+        ),
+        (
+            format!(
+                "<volume name='density' {grid}<point name='min' value='-1 -1 0'/><point name='max' value='1 1 1'/></volume>"
+            ),
+            2.0,
+        ),
+    ] {
+        // Two blocks along z, of which the second has the last value.
+        let mut table: Vec<u8> = [-1.0_f32, -1.0, -1.0, 1.0, 1.0, 1.0]
+            .iter()
+            .flat_map(|number| number.to_le_bytes())
+            .collect();
+        table.extend(
+            [1, 1, 2, 0, 0, 0, 0, 0, 1]
+                .iter()
+                .flat_map(|number: &i32| number.to_le_bytes()),
+        );
+        let files = [
+            ("sigma.vol", file.clone()),
+            ("table", table),
+            ("b000_000_000.vol", vol([2, 2, 2], |_, _, z| 1.0 + z as f32)),
+            ("b000_000_001.vol", vol([2, 2, 2], |_, _, z| 2.0 + z as f32)),
+        ];
+        let scene = scene_of("0.6.0", &body(&volume), &files);
+        let found = estimate(&scene, &path(1 << 12, None), 16);
+        agrees(&volume, found[0], f64::exp(-0.25 * expected), 1e-4);
+    }
+}
+
+/// A file of OpenVDB lies where it says: along x, its tile of 0.75 is 128 voxels of 0.5 long.
+#[test]
+fn trees_of_voxels_lie_where_their_files_say() {
+    for (name, bytes) in crate::scene::volume_files().into_iter().step_by(3) {
+        let scene = scene_with(
+            &format!(
+                "{}<emitter type='constant'/><shape type='cube'><bsdf type='null'/><transform name='to_world'><scale value='1000'/></transform>\
+                 <medium name='interior' type='heterogeneous'><volume name='sigma_t' type='gridvolume'>\
+                 <string name='filename' value='{name}'/><transform name='to_world'><rotate y='1' angle='-90'/></transform></volume>\
+                 <float name='albedo' value='0'/><float name='scale' value='{}'/></medium></shape>",
+                narrow_camera("-33 32 -2000"),
+                1.0 / 48.0
+            ),
+            &[(name, bytes)],
+        );
+        let found = estimate(&scene, &path(1 << 12, None), 16);
+        agrees(name, found[0], f64::exp(-1.0), 1e-3);
     }
 }
 

@@ -25,6 +25,9 @@ pub struct GridVolume {
     pub interpolation: Interpolation,
     /// Factor on the values.
     pub factor: Spectrum,
+    /// How far from the faces of the lattice extinction begins \[voxels\]: lattices whose faces go through the middles of voxels have half a
+    /// voxel around that is only there for interpolation.
+    pub margin: f64,
 }
 
 impl Volume {

@@ -10,7 +10,7 @@ mod vertex;
 mod walk;
 
 pub use expression::ExpressionError;
-pub(crate) use expression::{ANY, AT_LIGHT, PathExpression, States};
+pub(crate) use expression::{ANY, AT_LIGHT, Event, PathExpression, States};
 pub(crate) use mis::{Edges, Partial, power_heuristic};
 pub(crate) use tracer::{Passed, Tracer};
 pub(crate) use vertex::{Scattered, Towards, Vertex, Way};

@@ -4,6 +4,7 @@ use super::{Vertex, Way};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::LightSample;
 use crate::math::DVec2;
+use crate::medium::MediumId;
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -85,7 +86,7 @@ impl<'a> Tracer<'a> {
                 Some(_) => Passed::NOTHING,
                 None => Passed::ALL,
             },
-            (Some(_), _) => self.pass(way, hides, random),
+            (Some(_), _) => self.pass(way, hides, random).0,
         }
     }
 
@@ -93,7 +94,7 @@ impl<'a> Tracer<'a> {
     #[inline]
     pub(crate) fn transmittance(&mut self, way: &Way, random: &mut PathRandom) -> Passed {
         if self.scene.media.is_some() {
-            return self.pass(way, false, random);
+            return self.pass(way, false, random).0;
         }
         self.rays += 1;
         match self.scene.geometry.occluded(&way.ray) {
@@ -102,8 +103,15 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// What comes through media along a way, and through their bounds; also through the shapes of lights where these are hidden.
-    fn pass(&mut self, way: &Way, hide_emitters: bool, random: &mut PathRandom) -> Passed {
+    /// An estimate of the share of light that comes through media along a way, and the medium at its end; `None` where something is in the way.
+    pub(crate) fn follow(&mut self, way: &Way, random: &mut PathRandom) -> Option<(Spectrum, Option<MediumId>)> {
+        let (passed, medium) = self.pass(way, false, random);
+        (!passed.share.is_black()).then_some((passed.share, medium))
+    }
+
+    /// What comes through media along a way, and through their bounds, and the medium at its end; also through the shapes of lights where these
+    /// are hidden.
+    fn pass(&mut self, way: &Way, hide_emitters: bool, random: &mut PathRandom) -> (Passed, Option<MediumId>) {
         let Way {
             mut ray,
             mut length,
@@ -118,16 +126,18 @@ impl<'a> Tracer<'a> {
                 !hidden && !self.scene.is_passed(point)
             });
             if opaque.is_some() {
-                return Passed::NOTHING;
+                return (Passed::NOTHING, medium);
             }
-            if let Some((_, medium)) = self.scene.medium(medium) {
-                passed.share *= medium.transmittance(&ray, end, random);
-                passed.expected *= medium.expected_transmittance(end);
+            if let Some((_, inside)) = self.scene.medium(medium) {
+                passed.share *= inside.transmittance(&ray, end, random);
+                passed.expected *= inside.expected_transmittance(end);
                 if passed.share.is_black() {
-                    return Passed::NOTHING;
+                    return (Passed::NOTHING, medium);
                 }
             }
-            let Some(point) = hit else { return passed };
+            let Some(point) = hit else {
+                return (passed, medium);
+            };
             medium = self
                 .scene
                 .media_about(&point, medium)

@@ -130,6 +130,8 @@ pub(crate) struct Object {
     /// Values by normalised name.
     pub(crate) properties: BTreeMap<String, Property>,
     pub(crate) children: Vec<Child>,
+    /// Whether it stands in a file for Mitsuba 0.x, where some types mean something else than in Mitsuba 3.
+    pub(crate) old_dialect: bool,
     /// Whether a fault of it was noted; what follows from that is not told.
     pub(crate) faulty: Cell<bool>,
 }
@@ -144,6 +146,7 @@ impl Object {
             search,
             properties: BTreeMap::new(),
             children: Vec::new(),
+            old_dialect: false,
             faulty: Cell::new(false),
         }
     }

@@ -25,10 +25,11 @@ mod pbrt;
 mod pfm;
 mod reader;
 mod spectrum;
+mod substance;
 #[cfg(test)]
 mod tests;
 mod text;
-mod vol;
+mod volume;
 mod warning;
 mod xml;
 
@@ -39,6 +40,8 @@ pub use faults::SceneFaults;
 pub use files::{RecordedFiles, SceneFiles, SceneFolder, normalise};
 pub use limits::Limits;
 pub use names::Names;
+#[cfg(test)]
+pub(crate) use volume::tests::files as volume_files;
 pub use warning::SceneWarning;
 
 use crate::film::{FilmSettings, Window, WindowError};

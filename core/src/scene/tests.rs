@@ -5,6 +5,7 @@ mod images;
 mod layered;
 mod lights;
 mod lobes;
+mod media;
 mod sensors;
 mod shapes;
 mod textures;

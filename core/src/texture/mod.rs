@@ -13,6 +13,7 @@ mod tiles;
 pub use attribute::AttributeTexture;
 pub use bitmap::{Bitmap, Texels, TextureFilter, WrapMode};
 pub use mapping::{Mapping, UvTransform};
+pub(crate) use noise::perlin;
 pub use noise::{Noise, Octaves};
 pub use pattern::{Curve, Pattern};
 pub use tiles::{TileFile, Tiles};

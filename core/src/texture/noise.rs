@@ -24,7 +24,7 @@ const PERMUTATION: [u8; 256] = [
 const FARTHEST: f32 = (1 << 22) as f32;
 
 /// Perlin's gradient noise: zero at points with whole coordinates, in about [-1, 1].
-pub(super) fn perlin(p: Vec3) -> f32 {
+pub(crate) fn perlin(p: Vec3) -> f32 {
     let p = p % FARTHEST;
     let cell = p.floor();
     let within = p - cell;

@@ -14,6 +14,7 @@ fn limits() -> Limits {
         triangles: 1 << 10,
         vertices: 1 << 12,
         shapes: 1 << 6,
+        texture_bytes: 1 << 22,
         ..Limits::default()
     }
 }
@@ -131,6 +132,16 @@ pub(super) fn image(bytes: &[u8]) {
     );
     let light = "<emitter type='envmap'><string name='filename' value='a.tga'/></emitter>";
     load(&user(light), Some(("a.tga", bytes)));
+}
+
+/// Mitsuba's volumes, and those of OpenVDB and NanoVDB, told apart by their content.
+pub(super) fn volume(bytes: &[u8]) {
+    let volume = "<volume name='sigma_t' type='gridvolume'><string name='filename' value='a.vol'/></volume>";
+    let medium = format!("<medium name='interior' type='heterogeneous'>{volume}</medium>");
+    load(
+        &user(&format!("<shape type='cube'><bsdf type='null'/>{medium}</shape>")),
+        Some(("a.vol", bytes)),
+    );
 }
 
 pub(super) fn spectrum(bytes: &[u8]) {

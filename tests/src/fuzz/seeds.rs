@@ -1,6 +1,6 @@
 //! Valid inputs, made by code.
 
-use flate2::{Compression, write::ZlibEncoder};
+use flate2::{Compression, bufread::GzDecoder, write::ZlibEncoder};
 use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage};
 use photonfarm_core::film::Node;
 use photonfarm_core::spectrum::Spectrum;
@@ -20,7 +20,7 @@ use photonfarm_proto::worker::{
     Assignment, FailureReport, Heartbeat, Lease, LeaseProgress, LeaseReply, LeaseRequest, NodeUpload, Register,
 };
 use serde_json::json;
-use std::io::{Cursor, Write};
+use std::io::{Cursor, Read, Write};
 
 fn job_json() -> serde_json::Value {
     json!({
@@ -171,7 +171,12 @@ pub(super) fn pbrt() -> Vec<Vec<u8>> {
         \"integer indices\" [0 1 2] ObjectEnd ActiveTransform EndTime Translate 1 0 0 ActiveTransform All\n\
         Transform [1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1] Shape \"cylinder\" LightSource \"distant\"\n";
     let scene = |content: &str| format!("{view}{content}").into_bytes();
-    vec![scene(glowing), scene(textured), scene(objects)]
+    let misty = "MakeNamedMedium \"m\" \"string type\" \"uniformgrid\" \"integer nx\" 2 \"float density\" [1 2] \"rgb sigma_a\" [1 2 3]\n\
+        \"float temperature\" [900 3000] \"float Lescale\" [1 2] LightSource \"point\"\n\
+        MakeNamedMedium \"c\" \"string type\" \"rgbgrid\" \"rgb sigma_a\" [1 2 3] \"rgb Le\" [1 1 1] \"point3 p1\" [2 1 1]\n\
+        AttributeBegin MediumInterface \"m\" \"\" Material \"interface\" Shape \"sphere\" AttributeEnd\n\
+        MediumInterface \"c\" Material \"dielectric\" Shape \"sphere\" \"float radius\" 0.3\n";
+    vec![scene(glowing), scene(textured), scene(objects), scene(misty)]
 }
 
 pub(super) fn scenes() -> Vec<Vec<u8>> {
@@ -192,7 +197,13 @@ pub(super) fn scenes() -> Vec<Vec<u8>> {
     let moving = "<shape type='disk'><animation name='to_world'><transform time='0'/><transform time='1'>\
         <rotate y='1' angle='40'/><translate x='1'/></transform></animation></shape><emitter type='projector'>\
         <float name='fov' value='30'/><rgb name='irradiance' value='1, 2, 3'/></emitter>";
-    vec![scene(glowing), scene(glass), scene(moving)]
+    let misty = "<medium id='fog' type='homogeneous'><rgb name='sigma_t' value='0.2 0.4 0.8'/><float name='scale' value='2'/>\
+        <phase type='blendphase'><float name='weight' value='0.3'/><phase type='hg'><float name='g' value='0.6'/></phase>\
+        <phase type='tabphase'><string name='values' value='0.5, 1, 1.5'/></phase></phase></medium><shape type='sphere'>\
+        <bsdf type='null'/><ref name='interior' id='fog'/></shape><emitter type='point'/>";
+    let old = "<scene version='0.6.0'><shape type='sphere'><medium name='interior' type='homogeneous'>\
+        <string name='material' value='skin1'/><float name='scale' value='0.1'/></medium></shape></scene>";
+    vec![scene(glowing), scene(glass), scene(moving), scene(misty), old.into()]
 }
 
 /// A triangle with a skin, a morph target, an animation, a texture, a camera and a light, as JSON; the buffer is all zeros but for the places.
@@ -207,7 +218,9 @@ pub(super) fn gltf() -> Vec<Vec<u8>> {
 "samplers": [{"input": 4, "output": 5, "interpolation": "LINEAR"}]}],
 "materials": [{"emissiveFactor": [1, 0.5, 0], "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.4}},
 {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.5, 0.2, 0.5], "roughnessFactor": 0},
-"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.4}}}],
+"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.4},
+"KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 0.5, "attenuationColor": [0.9, 0.5, 0.1]},
+"KHR_materials_volume_scatter": {"multiscatterColor": [0.1, 0.5, 0.9], "scatterAnisotropy": 0.2}}}],
 "extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": 900, "spot": {"outerConeAngle": 0.6}}]}},
 "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "sparse": {"count": 1,
 "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0, "byteOffset": 24}}},
@@ -302,6 +315,26 @@ pub(super) fn images() -> Vec<Vec<u8>> {
     let floats = [0.5_f32, 1.0, 2.0, 4.0, 8.0, 0.25].map(f32::to_le_bytes).concat();
     let float_map = [b"PF\n2 1\n-1.0\n".as_slice(), &floats].concat();
     formats.into_iter().map(image).chain([float_map]).collect()
+}
+
+/// A lattice of Mitsuba, and trees of OpenVDB's own programs, compressed by Blosc and by zlib (`core/src/scene/volume/tests.rs` says of what).
+pub(super) fn volumes() -> Vec<Vec<u8>> {
+    let mut lattice = b"VOL\x03".to_vec();
+    lattice.extend([1, 2, 3, 1, 1].iter().flat_map(|number: &i32| number.to_le_bytes()));
+    let numbers = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.5, 1.0, 2.0, 0.0, 3.0, 1.0_f32];
+    lattice.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    let trees = [
+        include_bytes!("../../../core/src/scene/volume/tests/fog.vdb.gz").as_slice(),
+        include_bytes!("../../../core/src/scene/volume/tests/fog-zip.nvdb.gz"),
+        include_bytes!("../../../core/src/scene/volume/tests/fog-blosc.nvdb.gz"),
+    ];
+    let unpacked = |packed: &[u8]| {
+        let mut bytes = Vec::new();
+        let read = GzDecoder::new(packed).read_to_end(&mut bytes);
+        read.expect("the files are whole");
+        bytes
+    };
+    std::iter::once(lattice).chain(trees.map(unpacked)).collect()
 }
 
 pub(super) fn spectra() -> Vec<Vec<u8>> {

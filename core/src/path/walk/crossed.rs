@@ -2,8 +2,10 @@
 
 use super::Walk;
 use crate::geometry::Ray;
+use crate::material::TransportMode;
 use crate::medium::{Medium, MediumId};
 use crate::path::expression::{ANY, Event, States};
+use crate::path::vertex::{Vertex, VertexStates};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -25,6 +27,34 @@ pub(crate) struct Crossed {
 }
 
 impl Walk {
+    /// A camera subpath that is scattered at `distance` of a piece which it has crossed, and carries `weight` there; with its vertex.
+    pub(crate) fn scattered<'s>(
+        scene: &'s Scene,
+        piece: &Crossed,
+        distance: f32,
+        weight: Spectrum,
+        random: &mut PathRandom,
+    ) -> Option<(Self, Vertex<'s>)> {
+        let (id, medium) = scene.medium(Some(piece.medium))?;
+        let position = piece.ray.origin + piece.ray.direction * distance;
+        let wo = -piece.ray.direction;
+        let mut vertex = Vertex::in_medium(position, id, &medium.phase, wo, TransportMode::Radiance);
+        vertex.beta = weight;
+        (vertex.edges, vertex.counted_edges) = (piece.counted_edges, piece.counted_edges);
+        vertex.states = VertexStates {
+            arrived: piece.states,
+            smooth: piece.states,
+            delta: piece.states,
+        };
+        let walk = Self {
+            edges: piece.counted_edges,
+            counted_edges: piece.counted_edges,
+            medium: Some(id),
+            ..Self::new(scene, piece.ray, weight, TransportMode::Radiance, random)
+        };
+        Some((walk, vertex))
+    }
+
     /// From now on media let the subpath go straight through, with the share of light that comes through, and do not scatter it.
     pub(crate) fn cross_media(&mut self) {
         self.crossed = Some(Vec::new());

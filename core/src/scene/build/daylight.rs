@@ -54,7 +54,7 @@ impl Builder<'_, '_> {
     /// Adds the lights of a clear day.
     pub(super) fn daylight(&mut self, reader: &Reader) -> Result<(), SceneError> {
         let plugin = reader.object.plugin.as_str();
-        let old = matches!(plugin, "sky" | "sun") || reader.boolean("old_dialect", false)?;
+        let old = matches!(plugin, "sky" | "sun") || reader.object.old_dialect;
         let age = if old { Age::Old } else { Age::New };
         let to_world = match super::light::rotations(reader, "the sky can be rotated and mirrored only")? {
             moving if moving.moves_within(self.motion.shutter) => {

@@ -83,6 +83,16 @@ impl Builder<'_, '_> {
         index
     }
 
+    /// The material of shapes that do nothing but bound a medium.
+    pub(super) fn invisible_material(&mut self) -> u32 {
+        if let Some(index) = self.invisible_material {
+            return index;
+        }
+        let index = self.add_material(Material::Null, None);
+        self.invisible_material = Some(index);
+        index
+    }
+
     fn add_material(&mut self, material: Material, name: Option<Arc<str>>) -> u32 {
         self.materials.push(material);
         self.called.materials.push(name);

@@ -2,24 +2,37 @@
 
 use super::Builder;
 use super::texture::colour;
-use crate::math::Transform;
-use crate::medium::{
-    Boundary, Extinction, Field, GridVolume, Interpolation, Medium, MediumId, Phase, PhaseTable, Volume,
-};
+use crate::medium::{Boundary, Extinction, Field, GridVolume, Medium, MediumId, Phase, PhaseTable, Volume};
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::{SceneError, within};
 use crate::scene::reader::{NOT_NEGATIVE, Reader};
-use crate::scene::spectrum::{Use, greatest};
-use crate::scene::{ShapeBinding, vol};
+use crate::scene::spectrum::Use;
+use crate::scene::{ShapeBinding, substance};
 use crate::spectrum::Spectrum;
-use glam::DMat4;
 use std::sync::Arc;
 
 const MEDIA: [&str; 2] = ["homogeneous", "heterogeneous"];
-const VOLUMES: [&str; 2] = ["constvolume", "gridvolume"];
+const VOLUMES: [&str; 4] = ["constvolume", "gridvolume", "hgridvolume", "volcache"];
 const PHASES: [&str; 6] = ["isotropic", "hg", "rayleigh", "tabphase", "blendphase", "mixturephase"];
-/// How deep phase functions lie within each other at most.
+/// Phase functions of Mitsuba 0.6 for particles that are not round.
+const ORIENTED: [&str; 2] = ["kkay", "microflake"];
+/// How Mitsuba samples a medium, which is not what it looks like.
+const OF_SAMPLING: [&str; 10] = [
+    "sample_emitters",
+    "has_spectral_extinction",
+    "strategy",
+    "method",
+    "step_size",
+    "channel",
+    "sampling_density",
+    "medium_sampling_weight",
+    "majorant_resolution_factor",
+    "majorant_grid",
+];
+/// How deep phase functions, and volumes, lie within each other at most.
 const DEEPEST: usize = 16;
+/// What Mitsuba 0.6 multiplies the coefficients of substances by (`lookupMaterial` in `materials.h`).
+const PER_UNIT: f64 = 100.0;
 /// Most media of a scene: each has a number of 16 bits.
 const MOST_MEDIA: u64 = 1 << 16;
 
@@ -79,35 +92,41 @@ impl Builder<'_, '_> {
         if !MEDIA.contains(&reader.object.plugin.as_str()) {
             reader.other_type(&MEDIA, "it is rendered as `homogeneous`, in grey")?;
         }
-        let scale = reader.float_or("scale", NOT_NEGATIVE, 1.0)? as f32;
+        let mut scale = 1.0;
+        // The names before Mitsuba 0.4 come first.
+        for name in ["size_multiplier", "density_multiplier", "scale"] {
+            scale = reader.float_or(name, NOT_NEGATIVE, scale)?;
+        }
+        let scale = scale as f32;
         let phase = match reader.only_child(Kind::Phase)? {
             Some(child) => self.phase(child.target, DEEPEST)?,
             None => Phase::Isotropic,
         };
-        // How Mitsuba samples a medium is not what it looks like.
-        reader.accept(&[
-            "sample_emitters",
-            "has_spectral_extinction",
-            "strategy",
-            "method",
-            "step_size",
-            "majorant_resolution_factor",
-            "majorant_grid",
-        ]);
-        let (extinction, albedo) = match self.coefficients(reader)? {
+        reader.accept(&OF_SAMPLING);
+        let defaults = self.defaults(reader)?;
+        let (extinction, albedo) = match self.coefficients(reader, defaults)? {
             Some((sigma_s, sigma_a)) => {
                 let sigma_t = sigma_s + sigma_a;
                 (Volume::Constant(sigma_t), Volume::Constant(sigma_s.zip(sigma_t, ratio)))
             }
             None => {
-                let extinction = self.first_volume(reader, &["sigma_t", "density"], Use::Coefficient, 1.0)?;
+                let (sigma_t, albedo) = match defaults {
+                    Some((sigma_s, sigma_a)) => (sigma_s + sigma_a, sigma_s.zip(sigma_s + sigma_a, ratio)),
+                    None => (Spectrum::ONE, Spectrum::splat(0.75)),
+                };
+                let extinction = self.first_volume(reader, &["sigma_t", "density"], Use::Coefficient, sigma_t)?;
                 (
                     extinction,
-                    self.first_volume(reader, &["albedo"], Use::Reflectance, 0.75)?,
+                    self.first_volume(reader, &["albedo"], Use::Reflectance, albedo)?,
                 )
             }
         };
-        let emission = self.first_volume(reader, &["emission"], Use::Emission, 0.0)?;
+        let emission = self.first_volume(reader, &["emission"], Use::Emission, Spectrum::ZERO)?;
+        for name in ["orientation", "orientations"] {
+            if reader.named_child(name, Kind::Volume)?.is_some() {
+                reader.warn(reader.place(), "`orientation` is left out: particles are round here");
+            }
+        }
         if matches!((&extinction, &emission), (Volume::Constant(_), Volume::Grid(_))) {
             reader.warn_of("emission", "it varies where the extinction does not: it is left out");
         }
@@ -126,40 +145,98 @@ impl Builder<'_, '_> {
         })
     }
 
+    /// Scattering and absorption coefficients of the substance that a medium is said to be of; Mitsuba 0.6 takes what is the same everywhere for
+    /// skin.
+    fn defaults(&self, reader: &Reader) -> Result<Option<(Spectrum, Spectrum)>, SceneError> {
+        let named = match reader.string("material")? {
+            None => None,
+            Some(name) => {
+                let found = substance::named(name);
+                if found.is_none() {
+                    reader.fault(reader.no_such("material", "there is no such substance", name, substance::names()))?;
+                }
+                found
+            }
+        };
+        let skin = reader.object.old_dialect && reader.object.plugin == "homogeneous";
+        let substance = named.or(skin.then_some(substance::SKIN));
+        let per_unit = |sigma: [f64; 3]| Spectrum::from_rgb(sigma.map(|channel| (channel * PER_UNIT) as f32));
+        Ok(substance.map(|substance| (per_unit(substance.sigma_s), per_unit(substance.sigma_a))))
+    }
+
     /// Scattering and absorption coefficients, where a medium says these.
-    fn coefficients(&mut self, reader: &Reader) -> Result<Option<(Spectrum, Spectrum)>, SceneError> {
+    fn coefficients(
+        &mut self,
+        reader: &Reader,
+        defaults: Option<(Spectrum, Spectrum)>,
+    ) -> Result<Option<(Spectrum, Spectrum)>, SceneError> {
+        // Mitsuba 0.6 scatters evenly, by as much less as `g` says, besides the medium's phase function.
+        let forward = reader.float_or("g", -1.0..=1.0, 0.0)? as f32;
         if !reader.has("sigma_s") && !reader.has("sigma_a") {
+            if forward != 0.0 {
+                reader.warn_of(
+                    "g",
+                    "it counts beside `sigma_s` alone: give the phase function `hg` in place of it",
+                );
+            }
             return Ok(None);
         }
-        let sigma_s = colour(reader, "sigma_s", Use::Coefficient)?.unwrap_or(Spectrum::ZERO);
-        let sigma_a = colour(reader, "sigma_a", Use::Coefficient)?.unwrap_or(Spectrum::ZERO);
+        let (sigma_s, sigma_a) = defaults.unwrap_or_default();
+        let sigma_s = colour(reader, "sigma_s", Use::Coefficient)?.unwrap_or(sigma_s) * (1.0 - forward);
+        let sigma_a = colour(reader, "sigma_a", Use::Coefficient)?.unwrap_or(sigma_a);
         Ok(Some((sigma_s, sigma_a)))
     }
 
     /// The volume, or colour, of the first of some names that is there.
-    fn first_volume(&mut self, reader: &Reader, names: &[&str], used: Use, default: f32) -> Result<Volume, SceneError> {
+    fn first_volume(
+        &mut self,
+        reader: &Reader,
+        names: &[&str],
+        used: Use,
+        default: Spectrum,
+    ) -> Result<Volume, SceneError> {
         for name in names {
             if let Some(child) = reader.named_child(name, Kind::Volume)? {
-                let built = self.volume(child.target, used);
+                let built = self.volume(child.target, used, DEEPEST);
                 let volume = self.description.attempt(child.target, built)?;
-                return Ok(volume.unwrap_or(Volume::Constant(Spectrum::splat(default))));
+                return Ok(volume.unwrap_or(Volume::Constant(default)));
             }
             if let Some(value) = colour(reader, name, used)? {
                 return Ok(Volume::Constant(value));
             }
         }
-        Ok(Volume::Constant(Spectrum::splat(default)))
+        Ok(Volume::Constant(default))
     }
 
-    fn volume(&mut self, object: ObjectId, used: Use) -> Result<Volume, SceneError> {
+    fn volume(&mut self, object: ObjectId, used: Use, left: usize) -> Result<Volume, SceneError> {
         let reader = self.reader(object);
+        if left == 0 {
+            let reason = format!("volumes lie within each other more than {DEEPEST} deep");
+            return Err(SceneError::value(reader.place(), reader.context(), reason));
+        }
         match reader.object.plugin.as_str() {
+            // Mitsuba 0.6 keeps values of another volume by it.
+            "volcache" => {
+                reader.accept(&["block_size", "voxel_width", "memory_limit", "step_size_multiplier"]);
+                let to_world = reader.transform("to_world")?.unwrap_or_default();
+                let within = reader
+                    .only_child(Kind::Volume)?
+                    .ok_or_else(|| reader.missing("a <volume>"))?;
+                reader.finish();
+                Ok(match self.volume(within.target, used, left - 1)? {
+                    Volume::Grid(volume) => Volume::Grid(Box::new(GridVolume {
+                        to_local: volume.to_local.after(&to_world.inverted()),
+                        ..*volume
+                    })),
+                    even => even,
+                })
+            }
             "constvolume" => {
                 let value = colour(&reader, "value", used)?.unwrap_or(Spectrum::ONE);
                 reader.finish();
                 Ok(Volume::Constant(value))
             }
-            "gridvolume" => self
+            "gridvolume" | "hgridvolume" => self
                 .grid_volume(&reader, used)
                 .map(|volume| Volume::Grid(Box::new(volume))),
             _ => {
@@ -167,61 +244,6 @@ impl Builder<'_, '_> {
                 Ok(Volume::Constant(Spectrum::ONE))
             }
         }
-    }
-
-    fn grid_volume(&mut self, reader: &Reader, used: Use) -> Result<GridVolume, SceneError> {
-        let to_world = reader.transform("to_world")?.unwrap_or_default();
-        let of_file = reader.boolean("use_grid_bbox", false)?;
-        let interpolation = reader.choice(
-            "filter_type",
-            &[
-                ("trilinear", Interpolation::Linear),
-                ("nearest", Interpolation::Nearest),
-            ],
-            Interpolation::Linear,
-        )?;
-        reader.accept(&["raw", "accel", "send_data"]);
-        if !reader.choice(
-            "wrap_mode",
-            &[("clamp", true), ("repeat", false), ("mirror", false)],
-            true,
-        )? {
-            reader.warn_of("wrap_mode", "what lies around the grid has the value of its edge");
-        }
-        let own = reader.grid("grid");
-        let factor = match own {
-            Some(_) => colour(reader, "factor", Use::Coefficient)?.unwrap_or(Spectrum::ONE),
-            None => Spectrum::ONE,
-        };
-        reader.property("filename");
-        reader.finish();
-        let (grid, box_of_file) = match own {
-            Some(grid) => (grid, DMat4::IDENTITY),
-            None => {
-                let file = self.file(reader)?;
-                let read = vol::read(&file, self.loader.limits, greatest(used))?;
-                let [lower, upper] = read.bounds;
-                (
-                    Arc::new(read.grid),
-                    DMat4::from_translation(lower) * DMat4::from_scale(upper - lower),
-                )
-            }
-        };
-        self.voxels += grid.bytes();
-        within(
-            reader.place(),
-            "bytes of volumes",
-            self.voxels,
-            self.loader.limits.texture_bytes,
-        )?;
-        let unit = Transform::from_matrix(if of_file { box_of_file } else { DMat4::IDENTITY });
-        let unit = unit.ok_or_else(|| reader.wrong("use_grid_bbox", "the box that the file says is empty"))?;
-        Ok(GridVolume {
-            grid,
-            to_local: to_world.after(&unit).inverted(),
-            interpolation,
-            factor,
-        })
     }
 
     fn phase(&mut self, object: ObjectId, left: usize) -> Result<Phase, SceneError> {
@@ -258,7 +280,21 @@ impl Builder<'_, '_> {
                     );
                     return Err(reader.wrong("weights", reason));
                 }
+                if reader.object.old_dialect && sum < 1.0 - 1e-6 {
+                    reader.warn_of(
+                        "weights",
+                        "they are scaled to a sum of 1: what is missing is not absorbed here",
+                    );
+                }
                 mixture(weights.iter().map(|weight| (weight / sum) as f32).zip(parts))
+            }
+            plugin if ORIENTED.contains(&plugin) => {
+                reader.warn(
+                    reader.place(),
+                    "particles are round here: they scatter evenly in all directions",
+                );
+                reader.accept_rest();
+                Phase::Isotropic
             }
             _ => {
                 reader.other_type(&PHASES, "it scatters evenly in all directions")?;

@@ -5,6 +5,7 @@ mod curves;
 mod daylight;
 mod instance;
 mod integrator;
+mod lattice;
 mod layered;
 mod light;
 mod light_image;
@@ -152,6 +153,8 @@ struct Builder<'b, 'f> {
     material_of: BTreeMap<ObjectId, u32>,
     /// The material of shapes that name none.
     default_material: Option<u32>,
+    /// That of shapes in files for Mitsuba 0.x which name none and bound a medium.
+    invisible_material: Option<u32>,
     /// Materials that are being built: a reference to one of them is a cycle.
     building: Vec<ObjectId>,
     /// BSDFs that the material which is being built consists of so far.
@@ -201,6 +204,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             voxels: 0,
             material_of: BTreeMap::new(),
             default_material: None,
+            invisible_material: None,
             building: Vec::new(),
             bsdfs_within: 0,
             textures: texture::Textures::default(),

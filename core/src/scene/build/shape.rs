@@ -4,6 +4,7 @@ use super::{Builder, uniform_scale};
 use crate::geometry::{Shape, ShapeId, ShapeSampler, TriangleMesh};
 use crate::light::Light;
 use crate::math::{AnimatedTransform, Frame, PI, Transform, Vec3};
+use crate::medium::Boundary;
 use crate::motion::MovingShape;
 use crate::scene::description::{Child, Kind, ObjectId};
 use crate::scene::error::{Place, SceneError, within};
@@ -143,7 +144,7 @@ impl Builder<'_, '_> {
         self.attributes = MeshAttributes::asked_by(self.description, children.map(|child| child.target));
         // What shows a mesh's attributes is built when the mesh is there.
         let looks = match self.attributes.is_empty() {
-            true => Some(self.looks(reader, bsdf, emitter)?),
+            true => Some(self.looks(reader, bsdf, emitter, boundary)?),
             false => None,
         };
         let shape = match reader.object.plugin.as_str() {
@@ -164,7 +165,7 @@ impl Builder<'_, '_> {
         };
         let (material, lamp) = match looks {
             Some(looks) => looks,
-            None => self.looks(reader, bsdf, emitter)?,
+            None => self.looks(reader, bsdf, emitter, boundary)?,
         };
         self.attributes = MeshAttributes::default();
         let metered = self.metered.is_some_and(|(object, _)| reader.id == object);
@@ -199,9 +200,12 @@ impl Builder<'_, '_> {
         reader: &Reader,
         bsdf: Option<&Child>,
         emitter: Option<&Child>,
+        boundary: Option<Boundary>,
     ) -> Result<(u32, Option<Lamp>), SceneError> {
         let material = match bsdf {
             Some(bsdf) => self.material(bsdf.target)?,
+            // Mitsuba 0.6 does so, and Mitsuba 3 does not (`Shape::configure` there, `Shape::initialize` here).
+            None if reader.object.old_dialect && boundary.is_some() && emitter.is_none() => self.invisible_material(),
             None => self.default_material(),
         };
         let lamp = match emitter {

@@ -360,6 +360,8 @@ pub(super) struct MaterialExtensions {
     pub(super) transmission: Option<Transmission>,
     #[serde(rename = "KHR_materials_volume")]
     pub(super) volume: Option<Volume>,
+    #[serde(rename = "KHR_materials_volume_scatter")]
+    pub(super) volume_scatter: Option<VolumeScatter>,
     #[serde(rename = "KHR_materials_specular")]
     pub(super) specular: Option<Specular>,
     #[serde(rename = "KHR_materials_clearcoat")]
@@ -421,6 +423,15 @@ impl Default for Volume {
             attenuation_color: [1.0; 3],
         }
     }
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct VolumeScatter {
+    /// The name in drafts of the extension is the other one.
+    #[serde(alias = "scatterAlbedo")]
+    pub(super) multiscatter_color: [f64; 3],
+    pub(super) scatter_anisotropy: f64,
 }
 
 #[derive(Deserialize)]

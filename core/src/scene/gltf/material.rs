@@ -3,7 +3,8 @@
 //! A material becomes `principled`, whose parameters are those of glTF's metallic-roughness model; clear glass and smooth metal become the
 //! plugins that are made for them. What has no counterpart is told.
 
-use super::document::{Document, Material, TextureInfo};
+use super::document::{Document, Material, TextureInfo, Volume};
+use super::solid::{extinction, single_scattering};
 use super::texture::{Change, Sampling, Textures};
 use super::warnings::Told;
 use crate::scene::description::{Draft, Kind, ObjectId, Value};
@@ -17,6 +18,8 @@ pub(super) struct Look {
     /// `None` where the material lets everything through.
     pub(super) bsdf: Option<ObjectId>,
     pub(super) emitter: Option<ObjectId>,
+    /// The medium that the surface encloses.
+    pub(super) interior: Option<ObjectId>,
     /// The set of texture coordinates that its textures use.
     pub(super) uv_set: u32,
 }
@@ -25,14 +28,13 @@ pub(super) struct Look {
 const SMOOTH: f64 = 1e-4;
 
 /// Extensions of materials that are left out, with what the picture lacks.
-const LEFT_OUT: [(&str, &str); 5] = [
+const LEFT_OUT: [(&str, &str); 4] = [
     ("KHR_materials_iridescence", "no colours of thin films"),
     ("KHR_materials_dispersion", "all colours are refracted alike"),
     (
         "KHR_materials_diffuse_transmission",
         "no light comes through from behind",
     ),
-    ("KHR_materials_volume_scatter", "nothing is scattered within"),
     ("KHR_materials_variants", "the default variant is shown"),
 ];
 
@@ -135,9 +137,11 @@ impl Maker<'_, '_, '_, '_, '_> {
             self.draft.call(bsdf, &material.name);
         }
         let emitter = self.emitter(unlit)?;
+        let interior = self.interior(surface.transmits);
         Ok(Look {
             bsdf,
             emitter,
+            interior,
             uv_set: self.uv_set.unwrap_or(0),
         })
     }
@@ -274,13 +278,12 @@ impl Maker<'_, '_, '_, '_, '_> {
             self.factor(glass.transmission_factor, "transmissionFactor")
         });
         let eta = self.index_of_refraction(transmitted > 0.0);
-        let tint = self.tint(base);
         let even = !textured && plain.base_color_texture.is_none() && !self.coloured;
         let wholly = transmitted == 1.0 && transmission.is_some_and(|glass| glass.transmission_texture.is_none());
         let thin = transmitted > 0.0 && extensions.volume.is_none() && !solid_glass;
         let coated = extensions.clearcoat.is_some() || extensions.sheen.is_some();
         if even && wholly && !coated && metallic == 0.0 && !thin {
-            return self.glass(eta, roughness, tint);
+            return self.glass(eta, roughness, base);
         }
         if even && !coated && metallic == 1.0 && roughness * roughness < SMOOTH {
             return self.mirror(base);
@@ -294,7 +297,7 @@ impl Maker<'_, '_, '_, '_, '_> {
         }
         let bsdf = self.add(Kind::Bsdf, if thin { "principledthin" } else { "principled" });
         let color = match transmitted > 0.0 {
-            true => tint,
+            true => base,
             // The diffuse part of glTF gets what the surface above it lets through, 1 - F (appendix B.3.5), and that of `principled` all. Of F
             // the value at normal incidence is taken.
             false if metallic == 0.0 => base.map(|c| c * (1.0 - normal_reflectance(eta))),
@@ -365,14 +368,14 @@ impl Maker<'_, '_, '_, '_, '_> {
     }
 
     /// A solid of glass, of which each surface takes the square root of the colour, as in Cycles.
-    fn glass(&mut self, eta: f64, roughness: f64, tint: [f64; 3]) -> Result<Surface, SceneError> {
+    fn glass(&mut self, eta: f64, roughness: f64, base: [f64; 3]) -> Result<Surface, SceneError> {
         let alpha = roughness * roughness;
         let rough = alpha >= SMOOTH;
         let bsdf = self.add(Kind::Bsdf, if rough { "roughdielectric" } else { "dielectric" });
         self.draft.set(bsdf, "int_ior", Value::Float(eta));
         self.draft.set(bsdf, "ext_ior", Value::Float(1.0));
         self.draft
-            .set(bsdf, "specular_transmittance", Value::Rgb(tint.map(f64::sqrt)));
+            .set(bsdf, "specular_transmittance", Value::Rgb(base.map(f64::sqrt)));
         if rough {
             self.draft.set(bsdf, "distribution", Value::String("ggx".into()));
             self.draft.set(bsdf, "alpha", Value::Float(alpha));
@@ -459,22 +462,40 @@ impl Maker<'_, '_, '_, '_, '_> {
         (1.0 + root) / (1.0 - root)
     }
 
-    /// What light through a solid becomes: the base colour, and what KHR_materials_volume absorbs over its thickness.
-    fn tint(&self, base: [f64; 3]) -> [f64; 3] {
-        let Some(volume) = &self.material.extensions.volume else {
-            return base;
+    /// What fills a solid of a material that light comes through: KHR_materials_volume says how much is lost along a way, by absorption, and with
+    /// KHR_materials_volume_scatter by scattering as well.
+    fn interior(&mut self, transmits: bool) -> Option<ObjectId> {
+        let extensions = &self.material.extensions;
+        let scatter = extensions.volume_scatter.as_ref();
+        let of_solid = |volume: &&Volume| transmits && volume.thickness_factor > 0.0;
+        let sigma_t = extensions.volume.as_ref().filter(of_solid).and_then(extinction);
+        let Some(sigma_t) = sigma_t else {
+            if scatter.is_some() {
+                self.warn(
+                    "KHR_materials_volume_scatter is left out: it scatters within what KHR_materials_transmission lets light into, and \
+                     KHR_materials_volume gives a thickness and an attenuation",
+                );
+            }
+            return None;
         };
-        let Some(distance) = volume.attenuation_distance.filter(|distance| *distance > 0.0) else {
-            return base;
+        let albedo = match scatter {
+            None => [0.0; 3],
+            Some(scatter) => {
+                let [r, g, b] = scatter.multiscatter_color;
+                let [r, g, b] = self.factors(&[r, g, b, 1.0], "multiscatterColor");
+                [r, g, b].map(single_scattering)
+            }
         };
-        if volume.attenuation_color == [1.0; 3] {
-            return base;
+        let medium = self.add(Kind::Medium, "homogeneous");
+        self.draft.set(medium, "sigma_t", Value::Rgb(sigma_t));
+        self.draft.set(medium, "albedo", Value::Rgb(albedo));
+        let g = scatter.map_or(0.0, |scatter| scatter.scatter_anisotropy.clamp(-1.0, 1.0));
+        if g != 0.0 {
+            let phase = self.add(Kind::Phase, "hg");
+            self.draft.set(phase, "g", Value::Float(g));
+            self.draft.link(medium, None, phase);
         }
-        self.warn(
-            "KHR_materials_volume is approximated: its surfaces are tinted by what it absorbs over its thickness",
-        );
-        let share = volume.thickness_factor / distance;
-        [0, 1, 2].map(|i| base[i] * libm::pow(volume.attenuation_color[i].clamp(0.0, 1.0), share))
+        Some(medium)
     }
 
     /// The normal texture around a BSDF.

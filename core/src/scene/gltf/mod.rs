@@ -14,6 +14,7 @@ mod geometry;
 mod material;
 mod packed;
 mod sheet;
+mod solid;
 #[cfg(test)]
 mod tests;
 mod texture;
@@ -375,6 +376,9 @@ impl SceneWriter<'_, '_, '_> {
         self.draft.set(shape, "to_world", copied(to_world));
         for object in look.bsdf.into_iter().chain(look.emitter) {
             self.draft.link(shape, None, object);
+        }
+        if let Some(medium) = look.interior {
+            self.draft.link(shape, Some("interior"), medium);
         }
         self.draft.link(parent, None, shape);
     }

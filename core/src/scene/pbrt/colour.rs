@@ -59,7 +59,7 @@ impl ColourSpace {
     }
 
     /// Linear Rec. 709 of light of this RGB; what lies outside counts as 0.
-    fn light(self, rgb: [f64; 3]) -> [f64; 3] {
+    pub(super) fn light(self, rgb: [f64; 3]) -> [f64; 3] {
         if self == Self::Srgb {
             return rgb;
         }
@@ -68,7 +68,7 @@ impl ColourSpace {
     }
 
     /// Linear Rec. 709 of a reflectance of this RGB: white stays white, whatever the illuminant.
-    fn reflectance(self, rgb: [f64; 3]) -> [f64; 3] {
+    pub(super) fn reflectance(self, rgb: [f64; 3]) -> [f64; 3] {
         if self == Self::Srgb {
             return rgb;
         }

@@ -3,17 +3,22 @@
 use super::Reading;
 use super::parameter::Parameters;
 use super::token::Tokens;
-use crate::medium::Grid;
 use crate::scene::description::{Kind, ObjectId, Value};
-use crate::scene::error::{Place, SceneError, within};
+use crate::scene::error::{Place, SceneError};
 use crate::scene::spectrum::Use;
-use glam::{DMat4, DVec3};
-use std::sync::Arc;
+use crate::scene::substance;
 
-const MEDIA: [&str; 5] = ["homogeneous", "uniformgrid", "rgbgrid", "cloud", "nanovdb"];
-/// The coefficients of a medium that says none \[1/mm\] (pbrt-v4, `media.cpp`).
-const SIGMA_A: [f64; 3] = [0.0011, 0.0024, 0.014];
-const SIGMA_S: [f64; 3] = [2.55, 3.21, 3.77];
+const MEDIA: [&str; 6] = [
+    "homogeneous",
+    "heterogeneous",
+    "uniformgrid",
+    "rgbgrid",
+    "cloud",
+    "nanovdb",
+];
+/// The coefficients of a medium that says none in pbrt-v3 \[1/mm\] (`MakeMedium` in `api.cpp`); they are 1 in pbrt-v4 (`media.cpp`).
+const OLD_SIGMA_A: [f64; 3] = [0.0011, 0.0024, 0.014];
+const OLD_SIGMA_S: [f64; 3] = [2.55, 3.21, 3.77];
 
 /// What lies on the inner and on the outer side of shapes; `None` is empty space.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,13 +33,12 @@ impl Reading<'_, '_> {
         let kind = parameters.text("type")?.unwrap_or("homogeneous").to_owned();
         let medium = match kind.as_str() {
             "homogeneous" => Some(self.homogeneous(&parameters)?),
+            "uniformgrid" => self.uniform_grid(&mut parameters, self.old)?,
             // pbrt-v3 has another name for it.
-            "uniformgrid" | "heterogeneous" => self.uniform_grid(&mut parameters)?,
-            "rgbgrid" | "cloud" | "nanovdb" => {
-                parameters.warn("media of this type do not exist here: space is empty in its place");
-                parameters.ignore_all();
-                None
-            }
+            "heterogeneous" => self.uniform_grid(&mut parameters, true)?,
+            "rgbgrid" => self.coloured_grid(&mut parameters)?,
+            "cloud" => self.cloud(&parameters)?,
+            "nanovdb" => self.tree_of_voxels(&parameters)?,
             _ => {
                 let (place, context) = (&parameters.place, parameters.context.clone());
                 self.faults
@@ -87,101 +91,86 @@ impl Reading<'_, '_> {
     }
 
     fn homogeneous(&mut self, parameters: &Parameters) -> Result<ObjectId, SceneError> {
-        if parameters.has("preset") {
-            parameters.warn_of(
-                "preset",
-                "the coefficients of substances are not known here: those of the type's defaults count",
-            );
-            parameters.ignore(&["preset"]);
-        }
         let medium = self.add(Kind::Medium, "homogeneous", parameters);
-        let [sigma_a, sigma_s] = self.coefficients(parameters, medium)?;
+        let Coefficients { sigma_a, sigma_s } = self.coefficients(parameters, self.old, medium)?;
         self.draft.set(medium, "sigma_a", Value::Rgb(sigma_a));
         self.draft.set(medium, "sigma_s", Value::Rgb(sigma_s));
-        self.emission(parameters, medium, sigma_a)?;
-        Ok(medium)
-    }
-
-    /// The coefficients of absorption and scattering, all factors applied; sets the phase function as well.
-    fn coefficients(&mut self, parameters: &Parameters, medium: ObjectId) -> Result<[[f64; 3]; 2], SceneError> {
-        let scale = parameters.float_or("scale", 1.0)?.max(0.0);
-        let g = parameters.float_or("g", 0.0)?;
-        let phase = self.add(Kind::Phase, "hg", parameters);
-        self.draft.set(phase, "g", Value::Float(g.clamp(-1.0, 1.0)));
-        self.draft.link(medium, None, phase);
-        let mut coefficient = |name: &str, default: [f64; 3]| {
-            let rgb = self.colour(parameters, name, Use::Coefficient)?.unwrap_or(default);
-            Ok::<_, SceneError>(rgb.map(|channel| channel * scale))
-        };
-        Ok([coefficient("sigma_a", SIGMA_A)?, coefficient("sigma_s", SIGMA_S)?])
-    }
-
-    /// Emission is absorption times `Le` (pbrt-v4, `HomogeneousMedium::SamplePoint`).
-    fn emission(&mut self, parameters: &Parameters, medium: ObjectId, sigma_a: [f64; 3]) -> Result<(), SceneError> {
         let scale = parameters.float_or("Lescale", 1.0)?.max(0.0);
         if let Some(radiance) = self.colour(parameters, "Le", Use::Emission)? {
             let emission = std::array::from_fn(|channel| radiance[channel] * scale * sigma_a[channel]);
             self.draft.set(medium, "emission", Value::Rgb(emission));
         }
-        Ok(())
+        Ok(medium)
     }
 
-    /// A lattice of densities, by which the coefficients are multiplied, between two corners.
-    fn uniform_grid(&mut self, parameters: &mut Parameters) -> Result<Option<ObjectId>, SceneError> {
-        let mut size = [1_u32; 3];
-        for (size, name) in size.iter_mut().zip(["nx", "ny", "nz"]) {
-            let written = parameters.integer(name)?.unwrap_or(1);
-            let Ok(count @ 1..) = u32::try_from(written) else {
-                return parameters.fault(name, format!("{written} is out of range; allowed: 1 and above"));
+    /// The coefficients of absorption and scattering, all factors applied; sets the phase function as well. `old` says that pbrt-v3's
+    /// defaults count.
+    pub(super) fn coefficients(
+        &mut self,
+        parameters: &Parameters,
+        old: bool,
+        medium: ObjectId,
+    ) -> Result<Coefficients, SceneError> {
+        let scale = self.scattering(parameters, medium)?;
+        let preset = match parameters.text("preset")? {
+            None => None,
+            Some(name) => {
+                let found = substance::named(name);
+                if found.is_none() {
+                    parameters.warn_of(
+                        "preset",
+                        "there is no such substance: the coefficients themselves count",
+                    );
+                }
+                found
+            }
+        };
+        let default = match old {
+            true => [OLD_SIGMA_A, OLD_SIGMA_S],
+            false => [[1.0; 3]; 2],
+        };
+        let [default_a, default_s] = preset.map_or(default, |substance| [substance.sigma_a, substance.sigma_s]);
+        let mut coefficient = |name: &str, default: [f64; 3]| {
+            let written = self.colour(parameters, name, Use::Coefficient)?;
+            // In pbrt-v4 a substance comes first.
+            let rgb = match preset {
+                Some(_) if !old => default,
+                _ => written.unwrap_or(default),
             };
-            *size = count;
-        }
-        let voxels = size.iter().map(|size| u64::from(*size)).product();
-        within(
-            &parameters.place,
-            "number of voxels",
-            voxels,
-            self.loader.limits.image_texels,
-        )?;
-        let densities = parameters.take_groups::<1>("density")?.unwrap_or_default();
-        if densities.len() as u64 != voxels {
-            let reason = format!(
-                "{} numbers, not the {voxels} of {} x {} x {}",
-                densities.len(),
-                size[0],
-                size[1],
-                size[2]
-            );
-            return parameters.fault("density", reason);
-        }
-        let memory = |_| SceneError::data(&parameters.place, "memory does not hold the volume");
-        let mut grid = Grid::new(size, false).map_err(memory)?;
-        for (index, density) in densities.iter().enumerate() {
-            let index = index as u32;
-            let voxel = [index % size[0], index / size[0] % size[1], index / size[0] / size[1]];
-            grid.set(voxel, &density.map(|density| density.max(0.0)))
-                .map_err(memory)?;
-        }
-        let corner = |name: &str, default: DVec3| Ok::<_, SceneError>(parameters.vector(name)?.unwrap_or(default));
-        let (lower, upper) = (corner("p0", DVec3::ZERO)?, corner("p1", DVec3::ONE)?);
-        let unit = DMat4::from_translation(lower.min(upper)) * DMat4::from_scale((upper - lower).abs());
-        if parameters.has("temperature") || parameters.has("Lescale") {
-            parameters.warn_of("temperature", "the medium does not glow");
-        }
-        parameters.ignore(&["temperature", "temperaturecutoff", "temperaturescale", "Le", "Lescale"]);
-        let medium = self.add(Kind::Medium, "heterogeneous", parameters);
-        let [sigma_a, sigma_s] = self.coefficients(parameters, medium)?;
-        let volume = self.add(Kind::Volume, "gridvolume", parameters);
-        self.draft.set(volume, "grid", Value::Grid(Arc::new(grid)));
-        let sigma_t: [f64; 3] = std::array::from_fn(|channel| sigma_a[channel] + sigma_s[channel]);
-        self.draft.set(volume, "factor", Value::Rgb(sigma_t));
-        self.set_to_world(volume, self.state.placed(unit))?;
-        self.draft.link(medium, Some("sigma_t"), volume);
-        let albedo = std::array::from_fn(|channel| match sigma_t[channel] > 0.0 {
-            true => sigma_s[channel] / sigma_t[channel],
-            false => 0.0,
-        });
-        self.draft.set(medium, "albedo", Value::Rgb(albedo));
-        Ok(Some(medium))
+            Ok::<_, SceneError>(rgb.map(|channel| channel * scale))
+        };
+        Ok(Coefficients {
+            sigma_a: coefficient("sigma_a", default_a)?,
+            sigma_s: coefficient("sigma_s", default_s)?,
+        })
+    }
+
+    /// Sets the phase function of a medium, and gives back the factor on its coefficients.
+    pub(super) fn scattering(&mut self, parameters: &Parameters, medium: ObjectId) -> Result<f64, SceneError> {
+        let g = parameters.float_or("g", 0.0)?;
+        let phase = self.add(Kind::Phase, "hg", parameters);
+        self.draft.set(phase, "g", Value::Float(g.clamp(-1.0, 1.0)));
+        self.draft.link(medium, None, phase);
+        Ok(parameters.float_or("scale", 1.0)?.max(0.0))
+    }
+}
+
+/// Coefficients of a medium, all factors applied \[1/unit\].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Coefficients {
+    pub(super) sigma_a: [f64; 3],
+    pub(super) sigma_s: [f64; 3],
+}
+
+impl Coefficients {
+    pub(super) fn sigma_t(self) -> [f64; 3] {
+        std::array::from_fn(|channel| self.sigma_a[channel] + self.sigma_s[channel])
+    }
+
+    pub(super) fn albedo(self) -> [f64; 3] {
+        std::array::from_fn(|channel| match self.sigma_t()[channel] {
+            0.0 => 0.0,
+            sigma_t => self.sigma_s[channel] / sigma_t,
+        })
     }
 }

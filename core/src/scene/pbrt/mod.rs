@@ -12,6 +12,7 @@ mod colour;
 mod curve;
 mod directive;
 mod grid;
+mod heat;
 mod light;
 mod material;
 mod medium;
@@ -26,6 +27,7 @@ mod tests;
 mod texture;
 mod token;
 mod values;
+mod volume;
 
 use super::description::{Description, Draft, Kind, ObjectId, Value};
 use super::error::{Place, SceneError, within};
@@ -74,6 +76,7 @@ pub(crate) fn read(
         open_files: Vec::new(),
         included: 0,
         bytes: 0,
+        volume_bytes: 0,
         old: false,
     };
     reading.file(file, &place)?;
@@ -116,6 +119,8 @@ struct Reading<'r, 'f> {
     included: u64,
     /// Bytes of text read, repetitions included.
     bytes: u64,
+    /// Bytes of the lattices of media.
+    volume_bytes: u64,
     /// Whether something in the file is of pbrt-v3 alone.
     old: bool,
 }

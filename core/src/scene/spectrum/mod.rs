@@ -106,6 +106,11 @@ pub(crate) fn unit_luminance(samples: &[(f64, f64)]) -> Option<[f64; 3]> {
     (luminance > 0.0).then(|| xyz_to_rgb(xyz.map(|value| value / luminance)).map(|channel| channel.max(0.0)))
 }
 
+/// CIE XYZ of a piecewise linear spectrum of light, where the constant spectrum 1 has luminance 1.
+pub(crate) fn xyz_of_emission(samples: &[(f64, f64)]) -> [f64; 3] {
+    sampled_to_xyz(samples, false)
+}
+
 /// Samples of the integral over wavelength.
 const SAMPLES: usize = 1000;
 /// Integral of the observer's y \[nm\]; divides emission so that the constant spectrum 1 has luminance 1.

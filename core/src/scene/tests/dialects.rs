@@ -235,7 +235,7 @@ fn what_changes_the_picture_is_warned_about() {
         ),
         (
             "<medium type='homogeneous' id='fog'><rgb name='sigmaT' value='1'/><phase type='hg'><float name='f' value='0.5'/></phase></medium>",
-            "main.xml:3: <phase type=\"hg\">: property `f` is not known here and left out; did you mean `g`?",
+            "main.xml:3: <phase type=\"hg\">: property `f` is not known here and left out; known: g",
         ),
         ("<mode type='final'/>", "main.xml:3: <mode> is left out"),
         (

@@ -297,9 +297,7 @@ impl XmlReader<'_, '_> {
         let search = self.objects[context.parent].search.clone();
         let plugin = names::plugin(&plugin.unwrap_or_default());
         let mut object = Object::new(kind, &plugin, None, place, search);
-        if self.old_dialect {
-            names::mark_old_dialect(&mut object);
-        }
+        object.old_dialect = self.old_dialect;
         object.faulty.set(!attributes.faults.is_empty());
         self.objects.push(object);
         if !attributes.faults.is_empty() {

@@ -29,17 +29,6 @@ pub(super) fn operation(element: &str) -> &str {
     if element == "lookAt" { "lookat" } else { element }
 }
 
-/// Says of an object in a file for Mitsuba 0.x that it is one, where its type means something else in Mitsuba 3: up is +y for a `sunsky`
-/// then, and its sun is another.
-pub(super) fn mark_old_dialect(object: &mut Object) {
-    if object.kind == Kind::Emitter && object.plugin == "sunsky" {
-        let place = object.place.clone();
-        let value = Value::Boolean(true);
-        let property = Property { value, place };
-        object.properties.insert("old_dialect".to_owned(), property);
-    }
-}
-
 /// The type of an object. Where the names of files have no case, a capital first letter finds the same plugin.
 pub(super) fn plugin(written: &str) -> String {
     let mut rest = written.chars();

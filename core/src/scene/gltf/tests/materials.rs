@@ -123,3 +123,63 @@ fn texture_coordinates_are_scaled_turned_and_moved() {
     let at = map.point(Vec3::new(1.0, 1.0, 0.0));
     assert!((at - Vec3::new(3.25, -1.5, 0.0)).length() < 1e-6, "{at}");
 }
+
+/// The medium of a solid that lets light through and has a thickness, and what is warned about.
+#[test]
+fn volumes_fill_solids() {
+    let of = |extensions: &str| {
+        let material = format!(
+            r#"{{"name": "Paint", "extensions": {{{extensions}}}, "pbrMetallicRoughness": {{"metallicFactor": 0}}}}"#
+        );
+        let plain = r#"{"name": "Paint", "pbrMetallicRoughness": {"metallicFactor": 0}}"#;
+        described(&[(plain, &material)]).unwrap()
+    };
+    let clear = r#""KHR_materials_transmission": {"transmissionFactor": 1}"#;
+    let volume = |thickness: f64| {
+        format!(
+            r#""KHR_materials_volume": {{"thicknessFactor": {thickness}, "attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1]}}"#
+        )
+    };
+    let scatter = r#""KHR_materials_volume_scatter": {"multiscatterColor": [0, 0.5, 1], "scatterAnisotropy": 0.3}"#;
+    let rgb = |object: &Object, name: &str| match object.properties[name].value {
+        Value::Rgb(rgb) => rgb,
+        ref other => panic!("{other:?}"),
+    };
+    for (extensions, albedo, phases) in [
+        (format!("{clear}, {}", volume(0.1)), [0.0; 3], 0),
+        (format!("{clear}, {}, {scatter}", volume(0.1)), [0.0, 0.911_709, 1.0], 1),
+    ] {
+        let found = of(&extensions);
+        assert_eq!(found.warnings, Vec::<String>::new());
+        let media = found.all(Kind::Medium);
+        let sigma_t = [2.0 * 4.0_f64.ln(), 2.0 * 2.0_f64.ln(), 0.0];
+        near(&rgb(media[0], "sigma_t"), &sigma_t, 1e-9);
+        near(&rgb(media[0], "albedo"), &albedo, 1e-4);
+        assert_eq!((media.len(), found.all(Kind::Phase).len()), (1, phases));
+        let shape = found.all(Kind::Shape)[0];
+        let inside = shape
+            .children
+            .iter()
+            .filter(|child| child.name.as_deref() == Some("interior"));
+        assert_eq!(inside.count(), 1);
+        // The surface has its own colour alone.
+        let glass = found.all(Kind::Bsdf)[0];
+        assert_eq!(rgb(glass, "specular_transmittance"), [1.0; 3]);
+    }
+    for extensions in [
+        clear.to_owned(),
+        volume(0.1),
+        format!("{clear}, {}", volume(0.0)),
+        format!(r#"{clear}, "KHR_materials_volume": {{"thicknessFactor": 1}}"#),
+    ] {
+        let found = of(&extensions);
+        assert!(found.all(Kind::Medium).is_empty(), "{extensions}");
+        assert_eq!(found.warnings, Vec::<String>::new());
+    }
+    let alone = of(&format!("{clear}, {scatter}"));
+    assert!(
+        alone.warnings[0].contains("KHR_materials_volume_scatter is left out"),
+        "{:?}",
+        alone.warnings
+    );
+}

@@ -172,12 +172,12 @@ fn several_faults_are_told_together() {
 #[test]
 fn what_is_not_known_is_warned_about() {
     let (_, warnings) = describe_with(
-        "WorldBegin MakeNamedMedium \"fog\" \"string type\" \"cloud\"\nShape \"sphere\" \"float radios\" 2\nShape \"nurbs\" \"point3 P\" [0 0 0]
+        "WorldBegin MakeNamedMedium \"fog\" \"string type\" \"homogeneous\" \"string preset\" \"mud\"\nShape \"sphere\" \"float radios\" 2\nShape \"nurbs\" \"point3 P\" [0 0 0]
         LightSource \"point\" \"float brightness\" 2",
         &[],
     );
     for expected in [
-        "main.pbrt:1: MakeNamedMedium \"fog\": media of this type do not exist here",
+        "main.pbrt:1: MakeNamedMedium \"fog\" `preset`: there is no such substance",
         "main.pbrt:2: Shape \"sphere\": parameter \"float radios\" is not known here and left out; did you mean `radius`?",
         "main.pbrt:3: Shape \"nurbs\": this type does not exist here: the shape is left out",
         "main.pbrt:4: LightSource \"point\": parameter \"float brightness\" is not known here",
@@ -224,7 +224,7 @@ fn what_can_be_rendered_otherwise_is_warned_about() {
         ),
         (
             "Volume \"homogeneous\" \"color sigma_a\" [1 1 1]",
-            "Volume: media are left out",
+            "Volume: volumes of pbrt-v2 are left out",
         ),
     ] {
         let (_, warnings) = describe_with(text, &[]);

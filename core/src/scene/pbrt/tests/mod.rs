@@ -2,6 +2,7 @@
 
 mod faults;
 mod lights;
+mod media;
 mod surfaces;
 mod views;
 

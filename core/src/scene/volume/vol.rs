@@ -1,27 +1,21 @@
 //! Mitsuba's grid volumes: `VOL`, a version, the type of the values, their number along x, y and z, their channels and the box that they fill; then
 //! the values, x fastest. All is little-endian (W. Jakob, Mitsuba documentation, section on `gridvolume`).
 
-use super::error::{Place, SceneError};
-use super::limits::Limits;
-use super::loader::LoadedFile;
 use crate::medium::Grid;
+use crate::scene::error::{Place, SceneError, within};
+use crate::scene::limits::Limits;
+use crate::scene::loader::LoadedFile;
 use crate::spectrum::CHANNELS;
 use glam::DVec3;
-
-/// What a file holds.
-pub(super) struct VolumeFile {
-    pub(super) grid: Grid,
-    /// Lower and upper corner of the box that the lattice fills, as the file says.
-    pub(super) bounds: [DVec3; 2],
-}
 
 const HEADER: usize = 48;
 const FLOAT32: i32 = 1;
 const FLOAT16: i32 = 2;
 const BYTES: i32 = 3;
 
-/// Reads a file. Values below zero, which mean nothing, count as 0, and those above `greatest` as this.
-pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<VolumeFile, SceneError> {
+/// Reads a file: its lattice, and the lower and upper corner of the box that it says. Values below zero, which mean nothing, count as 0, and
+/// those above `greatest` as this.
+pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<(Grid, [DVec3; 2]), SceneError> {
     let place = Place::whole(&file.name);
     let broken = |reason: String| SceneError::data(&place, format!("broken grid volume: {reason}"));
     let bytes = &file.bytes[..];
@@ -59,7 +53,7 @@ pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<
         other => return Err(broken(format!("{other} channels; 1 or 3 are read"))),
     };
     let voxels = u64::from(x) * u64::from(y) * u64::from(z);
-    super::error::within(&place, "number of voxels", voxels, limits.image_texels)?;
+    within(&place, "number of voxels", voxels, limits.image_texels)?;
     let expected = voxels * channels as u64 * width;
     let data = &bytes[HEADER..];
     if (data.len() as u64) < expected {
@@ -98,5 +92,5 @@ pub(super) fn read(file: &LoadedFile, limits: &Limits, greatest: f64) -> Result<
             }
         }
     }
-    Ok(VolumeFile { grid, bounds })
+    Ok((grid, bounds))
 }

@@ -1,0 +1,102 @@
+//! Photon surfaces against path tracing, for each kind of path and each technique by itself.
+
+use crate::integrator::IntegratorSettings;
+use crate::medium::tests::{agrees, estimate, path, scene};
+use crate::random::Sampling;
+use crate::scene::Scene;
+use crate::settings::{SurfaceKind, SurfacesSettings, Weights};
+use crate::spectrum::CHANNELS;
+use SurfaceKind::{Cones, Connections, Cylinders, Discs, Planes, Spheres};
+
+/// Mean cosines of scattering.
+const FORWARD: f32 = 0.9;
+const EVENLY: f32 = 0.1;
+
+/// Most edges of a path.
+const LONGEST: u32 = 6;
+
+/// Fog of coloured extinction, with `g` as the mean cosine of scattering, in a cube of an index as the air's, with an occluder and a floor.
+fn fog(paths: &str, g: f32) -> Scene {
+    let mut scene = scene(&format!(
+        "<medium id='fog' type='homogeneous'><rgb name='sigma_t' value='0.4 0.6 0.9'/><rgb name='albedo' value='0.9 0.8 0.7'/>\
+        <phase type='hg'><float name='g' value='{g}'/></phase></medium>\
+        <sensor type='perspective'><float name='fov' value='30'/><transform name='to_world'>\
+        <lookat origin='0, 0, -5' target='0, 0, 0' up='0, 1, 0'/></transform>\
+        <film type='hdrfilm'><integer name='width' value='4'/><integer name='height' value='4'/><rfilter type='box'/></film></sensor>\
+        <shape type='cube'><bsdf type='null'/><ref name='interior' id='fog'/></shape>\
+        <shape type='rectangle'><transform name='to_world'><scale value='3'/><rotate x='1' angle='-90'/><translate y='-1.2'/></transform>\
+        <bsdf type='diffuse'/></shape>\
+        <shape type='sphere'><point name='center' x='0.3' y='0.5' z='-0.3'/><float name='radius' value='0.2'/></shape>\
+        <shape type='rectangle'><transform name='to_world'><scale value='0.5'/><rotate x='1' angle='120'/><translate y='1.6' z='0.6'/></transform>\
+        <emitter type='area'><rgb name='radiance' value='9 8 7'/></emitter></shape>"
+    ));
+    scene.paths = Some(paths.parse().unwrap());
+    scene
+}
+
+fn surfaces(used: &[SurfaceKind], weights: Weights) -> IntegratorSettings {
+    IntegratorSettings::Surfaces(SurfacesSettings {
+        photons: 200,
+        samples: 1,
+        sampling: Sampling::Independent,
+        surfaces: used.to_vec(),
+        weights,
+        max_depth: Some(LONGEST),
+    })
+}
+
+fn compare(paths: &str, g: f32, techniques: &[&[SurfaceKind]]) {
+    let scene = fog(paths, g);
+    let expected = estimate(&scene, &path(128, Some(LONGEST)), 256);
+    for used in techniques {
+        let weights = [Weights::Average, Weights::Balance];
+        // Alone, a technique shares with nothing.
+        let different = if used.len() == 1 { 1 } else { weights.len() };
+        for weights in &weights[..different] {
+            let found = estimate(&scene, &surfaces(used, *weights), 200);
+            for channel in 0..CHANNELS {
+                let ((mean, error), (wanted, its)) = (found[channel], expected[channel]);
+                let label = format!("{paths}, g = {g}, {used:?}, {weights:?}, channel {channel}");
+                agrees(&label, (mean, error.hypot(its)), wanted, 1e-4);
+                assert!(error < 0.2 * mean, "{label}: {mean} +- {error} says nothing");
+            }
+        }
+    }
+}
+
+/// All of them.
+const EVERY: [SurfaceKind; 6] = [Planes, Spheres, Cones, Cylinders, Discs, Connections];
+
+/// Those that find light which was scattered twice, each by itself. Connections by themselves say little where media scatter forward.
+const ONE_BY_ONE: [&[SurfaceKind]; 6] = [&[Planes], &[Spheres], &[Cones], &[Cylinders], &[Discs], &EVERY];
+
+#[test]
+fn light_scattered_once_comes_from_lights() {
+    let all = [Spheres, Cones, Connections];
+    compare("L V E", FORWARD, &[&[Connections], &[Spheres], &[Cones], &all]);
+}
+
+#[test]
+fn light_scattered_once_comes_from_surfaces() {
+    let all = [Spheres, Cones, Connections];
+    compare("L D V E", FORWARD, &[&[Spheres], &[Cones], &all]);
+    compare("L D V E", EVENLY, &[&[Connections]]);
+}
+
+#[test]
+fn light_scattered_twice_comes_from_lights() {
+    compare("L V V E", FORWARD, &ONE_BY_ONE);
+    compare("L V V E", EVENLY, &[&[Connections], &EVERY]);
+}
+
+#[test]
+fn light_scattered_three_times_comes_from_anywhere() {
+    compare("L V V V E", FORWARD, &ONE_BY_ONE);
+    compare("L V V V E", EVENLY, &[&[Connections], &EVERY]);
+}
+
+/// All light at once.
+#[test]
+fn all_light_is_counted_once() {
+    compare("L .* E", FORWARD, &[&[Spheres, Cones, Connections], &EVERY]);
+}
