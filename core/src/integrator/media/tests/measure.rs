@@ -78,16 +78,21 @@ fn expected(media: MediaEstimator, radius: f64) -> f64 {
     }
 }
 
-/// Light paths of an iteration: beams count more often than photons.
-fn light_paths(media: MediaEstimator) -> u32 {
-    if media.has_beams() { 2_000 } else { 50_000 }
+/// Camera and light paths of an iteration. A camera path gives the same as the other but where one point of it is chosen; beams count more often than photons.
+fn paths(media: MediaEstimator) -> (u32, u32) {
+    match media {
+        MediaEstimator::Points => (2_048, 40_000),
+        MediaEstimator::Radiance => (1, 80_000),
+        _ => (1, 2_000),
+    }
 }
 
 fn one(scene: &Scene, media: MediaEstimator, radius: f64, seed: u64, iteration: u32) -> f64 {
+    let (samples, photons) = paths(media);
     let settings = IntegratorSettings::Pppm(PppmSettings {
         sigma1: Some(radius as f32),
         alpha: 0.5,
-        ..settings(media, 64, light_paths(media), Some(2))
+        ..settings(media, samples, photons, Some(2))
     });
     let image = render_iteration(scene, &settings, seed, iteration, &Unobserved).unwrap();
     f64::from(image.pixels[0][0])
@@ -152,7 +157,7 @@ fn by_radius(scene: &Scene) {
     println!("| kind | bias at radius 0.25 | 0.35 | 0.5 | 0.7 | slope | slope expected |");
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     for media in KINDS {
-        let found = RADII.map(|radius| bias(scene, media, radius, if media.has_beams() { 600 } else { 300 }));
+        let found = RADII.map(|radius| bias(scene, media, radius, 400));
         let expected = RADII.map(|radius| (radius, expected(media, radius) / truth() - 1.0));
         let measured: Vec<(f64, f64)> = RADII.into_iter().zip(found.map(|found| found.0)).collect();
         // Errors of logarithms, carried on to the slope.
@@ -181,7 +186,7 @@ fn by_iterations(scene: &Scene) {
     const ITERATIONS: usize = 64;
     const FIRST_RADIUS: f64 = 0.7;
     const GROUPS: usize = 8;
-    const RUNS: usize = 48;
+    const RUNS: usize = 32;
     let counts = [4, 8, 16, 32, 64];
     println!(
         "| kind | bias: slope | expected at these N | in the limit | variance: slope | expected at these N | in the limit |"
