@@ -20,12 +20,13 @@ const SURFACES: Setting = Setting {
     name: "surfaces",
     kind: Kind::Choices {
         words: &["planes", "spheres", "cones", "cylinders", "discs", "connections"],
-        needed: &["spheres", "cones", "connections"],
+        needed: &[],
     },
     instead: None,
     unit: "",
     help: "Surfaces that light paths sweep out in media, and that camera rays cross: a surface for two lengths of the light path, for a direction, for a length and \
-           an angle about the way before, for an earlier length and that angle, for a length and the other angle; and connections of camera rays with light paths",
+           an angle about the way before, for an earlier length and that angle, for a length and the other angle; and connections of camera rays with light paths. Light that \
+           is scattered once needs spheres, cones or connections",
 };
 
 const WEIGHTS: Setting = Setting {
