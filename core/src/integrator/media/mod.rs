@@ -9,7 +9,7 @@
 //!   connections, and by the edge that follows, which crosses media as well; all else by photons on the surface, of light paths that media may have scattered.
 //! * What media emit is added along the edges that are crossed.
 //!
-//! The estimators of a segment of the camera path of the length `d`, by what it costs the variance of the mean of `M` light paths (Krivanek et al. 2014, table 1):
+//! The estimators of a segment of the camera path, each the mean over light paths (Krivanek et al. 2014, table 1):
 //!
 //! | kind | light paths leave | counted | blur |
 //! | --- | --- | --- | --- |
