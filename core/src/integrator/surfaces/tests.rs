@@ -67,8 +67,9 @@ fn compare(paths: &str, g: f32, techniques: &[&[SurfaceKind]]) {
 /// All of them.
 const EVERY: [SurfaceKind; 6] = [Planes, Spheres, Cones, Cylinders, Discs, Connections];
 
-/// Those that find light which was scattered twice, each by itself. Connections by themselves say little where media scatter forward.
-const ONE_BY_ONE: [&[SurfaceKind]; 6] = [&[Planes], &[Spheres], &[Cones], &[Cylinders], &[Discs], &EVERY];
+/// Techniques by themselves, where media scatter forward and where they scatter nearly evenly: other media leave too much noise to say something.
+const ALONE_FORWARD: [&[SurfaceKind]; 4] = [&[Planes], &[Cones], &[Cylinders], &EVERY];
+const ALONE_EVENLY: [&[SurfaceKind]; 4] = [&[Spheres], &[Discs], &[Connections], &EVERY];
 
 #[test]
 fn light_scattered_once_comes_from_lights() {
@@ -85,14 +86,14 @@ fn light_scattered_once_comes_from_surfaces() {
 
 #[test]
 fn light_scattered_twice_comes_from_lights() {
-    compare("L V V E", FORWARD, &ONE_BY_ONE);
-    compare("L V V E", EVENLY, &[&[Connections], &EVERY]);
+    compare("L V V E", FORWARD, &ALONE_FORWARD);
+    compare("L V V E", EVENLY, &ALONE_EVENLY);
 }
 
 #[test]
 fn light_scattered_three_times_comes_from_anywhere() {
-    compare("L V V V E", FORWARD, &ONE_BY_ONE);
-    compare("L V V V E", EVENLY, &[&[Connections], &EVERY]);
+    compare("L V V V E", FORWARD, &ALONE_FORWARD);
+    compare("L V V V E", EVENLY, &ALONE_EVENLY);
 }
 
 /// All light at once.
