@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 
 /// Version of the worker protocol. Both sides must have the same.
-pub const PROTOCOL_VERSION: u16 = 7;
+pub const PROTOCOL_VERSION: u16 = 8;
 
 /// The media type of framed messages.
 pub const MESSAGE_MEDIA_TYPE: &str = "application/vnd.photonfarm";

@@ -280,7 +280,7 @@ fn the_reference_has_every_setting_once_with_its_defaults() {
     let entry = |name: &str| entries.iter().find(|entry| entry.setting.name == name).unwrap();
     assert_eq!(
         entry("samples").default(),
-        "4 (path, pcf), 1 (light, bdpt, vcm, pppm, sppm)"
+        "4 (path, pcf), 1 (light, bdpt, vcm, pppm, sppm, surfaces)"
     );
     assert_eq!(entry("sigma1").integrators(), "vcm, pppm, sppm, pcf");
     assert_eq!(entry("max_depth").default(), "none");
