@@ -9,7 +9,7 @@
 //! Which technique counts a path: camera paths cross media and are scattered by surfaces alone, and are connected with lights there. Of paths that media scatter, take
 //! the place of scattering that is nearest to the camera, and the vertex before it:
 //!
-//! * It lies in a medium, or at a light at a finite distance, or a lobe of a surface scatters there that is no delta function: photon surfaces, by the [`Kind`] of
+//! * It lies in a medium, or at a light at a finite distance, or a lobe of a surface scatters there that is no delta function: photon surfaces, by the [`tail::Kind`] of
 //!   the tail. Connections are among them.
 //! * It is a mirror or clear glass, or a light at infinity: a camera path that goes on from the medium, and from there on finds all light.
 //!
