@@ -52,11 +52,17 @@ fn with_effort(media: MediaEstimator, max_depth: Option<u32>) -> PppmSettings {
 
 /// Compares some kinds with path tracing of so many samples, by errors of less than a quarter. Here and below five standard errors are allowed, in some 150 means: a false alarm
 /// has a probability below 1e-4.
-fn agree(label: &str, scene: &Scene, samples: u32, max_depth: Option<u32>, kinds: &[MediaEstimator]) {
+fn agree(
+    label: &str,
+    scene: &Scene,
+    samples: u32,
+    max_depth: Option<u32>,
+    (kinds, iterations): (&[MediaEstimator], u32),
+) {
     let expected = estimate(scene, &path(samples, max_depth), 32);
     for media in kinds {
         let settings = IntegratorSettings::Pppm(with_effort(*media, max_depth));
-        let found = estimate(scene, &settings, 24);
+        let found = estimate(scene, &settings, iterations);
         for channel in 0..CHANNELS {
             let (mean, error) = expected[channel];
             let label = format!("{label}, {media:?}, channel {channel}");
@@ -130,7 +136,7 @@ const COLOURED: &str = "<medium name='interior' type='homogeneous'><rgb name='si
 #[test]
 fn kinds_agree_with_path_tracing_behind_an_occluder() {
     let scene = scene(&room(COLOURED));
-    agree("all paths", &scene, 64, None, &KINDS);
+    agree("all paths", &scene, 64, None, (&KINDS, 24));
 }
 
 /// Each kind counts each sort of path once.
@@ -138,14 +144,14 @@ fn kinds_agree_with_path_tracing_behind_an_occluder() {
 fn each_sort_of_path_is_counted_once() {
     let mut scene = scene(&room(COLOURED));
     // Photons where light collides say little where few come by.
-    for (expression, kinds) in [
-        ("L V E", &KINDS[..]),
-        ("L V V E", BEAMS),
-        ("L D V E", BEAMS),
-        ("L V D E", BEAMS),
+    for (expression, kinds, iterations) in [
+        ("L V E", &KINDS[..], 24),
+        ("L V V E", BEAMS, 24),
+        ("L D V E", BEAMS, 120),
+        ("L V D E", BEAMS, 24),
     ] {
         scene.paths = Some(expression.parse().unwrap());
-        agree(expression, &scene, 128, Some(3), kinds);
+        agree(expression, &scene, 128, Some(3), (kinds, iterations));
     }
 }
 
@@ -160,7 +166,7 @@ fn kinds_agree_with_path_tracing_in_a_lattice() {
         if y > 6 { 0.0 } else { 0.1 * ((x + 2 * y + z) % 7) as f32 }
     });
     let scene = scene_with(&room(medium), &[("sigma.vol", values)]);
-    agree("lattice", &scene, 64, None, &KINDS);
+    agree("lattice", &scene, 64, None, (&KINDS, 24));
 }
 
 /// Light that a ball of glass gathers in fog, which no connection finds.
@@ -178,7 +184,7 @@ fn a_volumetric_caustic_is_that_of_path_tracing() {
          <emitter type='area'><rgb name='radiance' value='10'/></emitter></shape>",
     );
     scene.paths = Some("L S+ V E".parse().unwrap());
-    agree("caustic", &scene, 512, None, BEAMS);
+    agree("caustic", &scene, 512, None, (BEAMS, 24));
 }
 
 /// A glowing slab without scattering has the radiance of the closed form, and one with a mirror behind it is seen twice.
