@@ -181,7 +181,11 @@ fn integrators_agree_on_what_comes_along_which_paths() {
             .collect()
     };
     let truth = means(&path(), 200);
-    for settings in independent().skip(1).filter(|settings| settings.name() != "light") {
+    // Light paths do not find a pinhole through glass, and without media `surfaces` is path tracing with fewer samples.
+    for settings in independent()
+        .skip(1)
+        .filter(|settings| !["light", "surfaces"].contains(&settings.name()))
+    {
         let iterations = if settings.name() == "bdpt" { 200 } else { 64 };
         let found = means(&settings, iterations);
         for (plane, ([mean, error], [expected, noise])) in found.into_iter().zip(&truth).enumerate() {
