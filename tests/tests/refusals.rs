@@ -68,7 +68,7 @@ fn windows_that_no_picture_has_are_refused() {
 fn a_scene_is_checked_without_being_rendered() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let body = "<shape type='rectangle'/><medium type='homogeneous'/><sampler type='independent'/></scene>";
+    let body = "<shape type='rectangle'/><subsurface type='dipole'/><sampler type='independent'/></scene>";
     fs::write(path("odd.xml"), format!("<scene version='3.0.0'>\n{body}")).unwrap();
     fs::write(
         path("bad.xml"),
@@ -99,9 +99,10 @@ fn a_scene_is_checked_without_being_rendered() {
     }
     let warnings = report["warnings"].as_array().unwrap();
     assert!(
-        warnings
-            .iter()
-            .any(|warning| warning.as_str().unwrap().starts_with("odd.xml:2: <scene>: <medium>")),
+        warnings.iter().any(|warning| warning
+            .as_str()
+            .unwrap()
+            .starts_with("odd.xml:2: <scene>: <subsurface>")),
         "{report}"
     );
     let said = String::from_utf8(photonfarm(&["check", text(&odd)]).stdout).unwrap();
@@ -165,7 +166,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
     let (broken, broken_at) = with("broken.xml", "<shape type=\"shpere\"/>");
     let shape = "<shape type=\"ply\"><string name=\"filename\" value=\"../secret.ply\"/></shape>";
     let (outside, outside_at) = with("outside.xml", shape);
-    let (foggy, foggy_at) = with("foggy.xml", "<medium type=\"homogeneous\"/>");
+    let (waxen, waxen_at) = with("waxen.xml", "<subsurface type=\"dipole\"/>");
     let missing = folder.path().join("missing.xml");
     let render = |scene: &Path, more: &[&str]| {
         let mut arguments = vec!["render", text(scene), "-o", text(&output)];
@@ -175,7 +176,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
     for (errors, expected) in [
         (render(&broken, &[]), [broken_at.as_str(), "shpere"]),
         (render(&outside, &[]), [outside_at.as_str(), "secret.ply"]),
-        (render(&foggy, &["--strict"]), [foggy_at.as_str(), "--strict"]),
+        (render(&waxen, &["--strict"]), [waxen_at.as_str(), "--strict"]),
         (render(&missing, &[]), ["missing.xml", "not found"]),
         (render(folder.path(), &[]), ["3 scenes, name one of them", "broken.xml"]),
         (
@@ -200,7 +201,7 @@ fn bad_scenes_and_settings_leave_the_old_picture() {
     assert_eq!(fs::read(&output).unwrap(), b"old");
     assert_eq!(
         files_in(folder.path()),
-        ["a.exr", "broken.xml", "foggy.xml", "outside.xml"]
+        ["a.exr", "broken.xml", "outside.xml", "waxen.xml"]
     );
 }
 
