@@ -58,11 +58,10 @@ impl Field {
 
     /// The extinction at a place in the world: none outside of the lattice.
     pub(super) fn at_place(&self, place: Vec3) -> Spectrum {
-        let volume = &self.sigma_t;
-        let voxels = volume.to_voxels(volume.to_local.matrix().transform_point3(place.as_dvec3()));
-        let extent = volume.grid.extent().as_dvec3();
-        match voxels.cmpge(DVec3::ZERO).all() && voxels.cmple(extent).all() {
-            true => volume.at(voxels),
+        let voxels = self.sigma_t.voxels_at(place);
+        let [lower, upper] = self.sigma_t.corners();
+        match voxels.cmpge(lower).all() && voxels.cmple(upper).all() {
+            true => self.sigma_t.at(voxels),
             false => Spectrum::ZERO,
         }
     }
@@ -141,20 +140,19 @@ impl BrickWalk {
     fn new(field: &Field, ray: &Ray, distance: f32) -> Option<Self> {
         let volume = &field.sigma_t;
         let matrix = volume.to_local.matrix();
-        let origin = volume.to_voxels(matrix.transform_point3(ray.origin.as_dvec3()));
+        let origin = volume.voxels_at(ray.origin);
         let direction = volume.to_voxels(matrix.transform_vector3(ray.direction.as_dvec3()));
-        let lower = volume.margin;
-        let upper = volume.grid.extent().as_dvec3().to_array().map(|extent| extent - lower);
+        let [lower, upper] = volume.corners();
         let (mut start, mut end) = (0.0_f64, f64::from(distance));
         for axis in 0..3 {
             let (from, way) = (origin[axis], direction[axis]);
             if way == 0.0 {
-                if !(lower..upper[axis]).contains(&from) {
+                if !(lower[axis]..upper[axis]).contains(&from) {
                     return None;
                 }
                 continue;
             }
-            let (first, second) = ((lower - from) / way, (upper[axis] - from) / way);
+            let (first, second) = ((lower[axis] - from) / way, (upper[axis] - from) / way);
             start = start.max(first.min(second));
             end = end.min(first.max(second));
         }
@@ -220,5 +218,41 @@ impl BrickWalk {
         };
         self.brick[axis] = next.unwrap_or(self.brick[axis]);
         next.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Transform;
+    use crate::medium::{Grid, Interpolation};
+    use std::sync::Arc;
+
+    /// Between the faces of a lattice and where its extinction begins there is none, for flights and for lookups alike.
+    #[test]
+    fn there_is_no_extinction_in_the_margin() {
+        let mut grid = Grid::new([4; 3], false).unwrap();
+        for index in 0..64 {
+            grid.set([index % 4, index / 4 % 4, index / 16], &[1.0]).unwrap();
+        }
+        let grid = Arc::new(grid);
+        for (margin, at_face) in [(0.0, Spectrum::ONE), (0.5, Spectrum::ZERO)] {
+            let field = Field::new(GridVolume {
+                grid: grid.clone(),
+                to_local: Transform::default(),
+                interpolation: Interpolation::Linear,
+                factor: Spectrum::ONE,
+                margin,
+            });
+            assert_eq!(field.at_place(Vec3::splat(0.1)), at_face);
+            assert_eq!(field.at_place(Vec3::splat(0.15)), Spectrum::ONE);
+            let ray = Ray {
+                origin: Vec3::new(0.5, 0.5, -1.0),
+                direction: Vec3::Z,
+                max_distance: f32::INFINITY,
+            };
+            let begins = 1.0 + 0.25 * margin as f32;
+            assert_eq!(field.reach(&ray, f32::INFINITY), Some((begins, 3.0 - begins)));
+        }
     }
 }

@@ -43,9 +43,7 @@ impl Volume {
     pub(super) fn at(&self, place: Vec3) -> Spectrum {
         match self {
             Self::Constant(value) => *value,
-            Self::Grid(volume) => {
-                volume.at(volume.to_voxels(volume.to_local.matrix().transform_point3(place.as_dvec3())))
-            }
+            Self::Grid(volume) => volume.at(volume.voxels_at(place)),
         }
     }
 }
@@ -54,6 +52,17 @@ impl GridVolume {
     /// From the unit cube to voxels.
     pub(super) fn to_voxels(&self, local: DVec3) -> DVec3 {
         local * self.grid.extent().as_dvec3()
+    }
+
+    /// A place in the world in terms of voxels.
+    pub(super) fn voxels_at(&self, place: Vec3) -> DVec3 {
+        self.to_voxels(self.to_local.matrix().transform_point3(place.as_dvec3()))
+    }
+
+    /// The lower and the upper corner of the box outside of which there is no extinction, in terms of voxels.
+    pub(super) fn corners(&self) -> [DVec3; 2] {
+        let margin = DVec3::splat(self.margin);
+        [margin, self.grid.extent().as_dvec3() - margin]
     }
 
     /// The value at a place in terms of voxels.
