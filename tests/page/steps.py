@@ -340,7 +340,7 @@ def many_jobs(visit, _):
     page.wait_for_selector(f".job a:has-text('shot-{extra - 1}')")
     visit.go("#/jobs/9999")
     page.wait_for_selector("p:has-text('There is no such job')")
-ODD = b"<scene version='3.0.0'>\n<shape type='rectangle'/>\n<medium type='homogeneous'/></scene>"
+ODD = b"<scene version='3.0.0'>\n<shape type='rectangle'/>\n<subsurface type='dipole'/></scene>"
 BROKEN = b"<scene version='3.0.0'>\n<shape type='shpere'/></scene>"
 
 
