@@ -31,6 +31,17 @@ pub(super) enum Counted {
     Nothing,
 }
 
+impl Counted {
+    /// Whether light counts that comes from infinity, or does not.
+    fn includes(self, from_infinity: bool) -> bool {
+        match self {
+            Self::All => true,
+            Self::Beyond => from_infinity,
+            Self::Nothing => false,
+        }
+    }
+}
+
 /// A camera path and the radiance that it has found so far.
 ///
 /// An integrator asks for one edge and its vertex after the other, adds direct light there or what else it knows of, and goes on.
@@ -117,12 +128,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     /// Adds the light of a surface, or of what surrounds the scene, that the edge has come to.
     #[inline(always)]
     fn add_found(&mut self, met: &Met) {
-        let counts = match self.counted {
-            Counted::All => true,
-            Counted::Beyond => met.is_nothing(),
-            Counted::Nothing => false,
-        };
-        if counts && self.walk.states & AT_LIGHT != 0 {
+        if self.counted.includes(met.is_nothing()) && self.walk.states & AT_LIGHT != 0 {
             self.radiance += self.found.emission(self.tracer.scene, &self.walk, met);
         }
     }
@@ -143,11 +149,7 @@ impl<'t, 'a> CameraPath<'t, 'a> {
     /// What a vertex gives to the camera by a connection with the point of a light that `choice` and `u` choose, with its share.
     fn direct_light(&mut self, vertex: &Vertex, choice: f64, u: DVec2) -> Spectrum {
         let light = self.tracer.sample_light(vertex, choice, u);
-        let Some(light) = light.filter(|light| match self.counted {
-            Counted::All => true,
-            Counted::Beyond => light.distance.is_infinite(),
-            Counted::Nothing => false,
-        }) else {
+        let Some(light) = light.filter(|light| self.counted.includes(light.distance.is_infinite())) else {
             return Spectrum::ZERO;
         };
         let f = vertex.eval(light.wi);

@@ -74,9 +74,7 @@ impl Passage<'_> {
             },
         }
     }
-}
 
-impl Passage<'_> {
     /// The next distance beyond `distance` at which the share changes at once; infinite where it never does.
     pub(crate) fn next_step(&self, distance: f32) -> f32 {
         match self {

@@ -133,8 +133,8 @@ impl Grid {
 
     /// Bytes of a lattice of colours with as many bricks that are not zero.
     pub(crate) fn coloured_bytes(&self) -> u64 {
-        let kept = self.bricks.iter().filter(|place| **place != NONE).count();
-        (size_of_val(&self.bricks[..]) + kept * VOXELS * CHANNELS * size_of::<f32>()) as u64
+        let values = self.kept().count() * VOXELS * CHANNELS;
+        (size_of_val(&self.bricks[..]) + values * size_of::<f32>()) as u64
     }
 
     /// A lattice of the colours that `colour` makes of the place and the value of each voxel of a lattice of numbers, where that is not zero.
@@ -143,24 +143,28 @@ impl Grid {
     /// Memory does not hold it.
     pub(crate) fn coloured(&self, colour: impl Fn([u32; 3], f32) -> [f32; CHANNELS]) -> Result<Self, TryReserveError> {
         let mut coloured = Self::new(self.size, true)?;
-        let kept = self.bricks.iter().filter(|place| **place != NONE).count();
-        coloured.values.try_reserve_exact(kept * VOXELS * CHANNELS)?;
-        let along = self.bricks_along();
-        for (brick, place) in self.bricks.iter().enumerate().filter(|(_, place)| **place != NONE) {
-            let origin = [
-                brick % along[0],
-                brick / along[0] % along[1],
-                brick / along[0] / along[1],
-            ];
-            let values = &self.values[*place as usize * VOXELS..][..VOXELS];
+        coloured
+            .values
+            .try_reserve_exact(self.kept().count() * VOXELS * CHANNELS)?;
+        for (brick, values) in self.kept() {
             for (offset, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
-                let edge = BRICK as usize;
-                let within = [offset % edge, offset / edge % edge, offset / edge / edge];
-                let voxel = std::array::from_fn(|axis| (origin[axis] * edge + within[axis]) as u32);
+                let within = within_brick(offset);
+                let voxel = std::array::from_fn(|axis| (brick[axis] * BRICK as usize + within[axis]) as u32);
                 coloured.set(voxel, &colour(voxel, *value))?;
             }
         }
         Ok(coloured)
+    }
+
+    /// The bricks that are kept: their numbers along the axes, and their values, voxel by voxel.
+    fn kept(&self) -> impl Iterator<Item = ([usize; 3], &[f32])> {
+        let [width, height, _] = self.bricks_along();
+        let length = VOXELS * self.channels;
+        let kept = self.bricks.iter().enumerate().filter(|(_, place)| **place != NONE);
+        kept.map(move |(brick, place)| {
+            let numbers = [brick % width, brick / width % height, brick / width / height];
+            (numbers, &self.values[*place as usize * length..][..length])
+        })
     }
 
     /// Adds a brick, and says its place.
@@ -243,23 +247,16 @@ impl Grid {
         let along = self.bricks_along();
         let mut greatest = vec![0.0_f32; self.bricks.len()];
         // A voxel counts for the bricks that hold it or lie next to it.
-        for (brick, place) in self.bricks.iter().enumerate().filter(|(_, place)| **place != NONE) {
-            let origin = [
-                brick % along[0],
-                brick / along[0] % along[1],
-                brick / along[0] / along[1],
-            ];
-            let values = &self.values[*place as usize * VOXELS * self.channels..][..VOXELS * self.channels];
+        for (origin, values) in self.kept() {
             for (offset, value) in values.chunks(self.channels).enumerate() {
                 let value = value.iter().fold(0.0_f32, |most, value| most.max(*value));
                 if value == 0.0 {
                     continue;
                 }
-                let edge = BRICK as usize;
-                let within = [offset % edge, offset / edge % edge, offset / edge / edge];
+                let within = within_brick(offset);
                 let reached: [std::ops::RangeInclusive<usize>; 3] = std::array::from_fn(|axis| {
                     let before = usize::from(within[axis] == 0 && origin[axis] > 0);
-                    let after = usize::from(within[axis] == edge - 1 && origin[axis] + 1 < along[axis]);
+                    let after = usize::from(within[axis] == BRICK as usize - 1 && origin[axis] + 1 < along[axis]);
                     origin[axis] - before..=origin[axis] + after
                 });
                 for z in reached[2].clone() {
@@ -279,6 +276,12 @@ impl Grid {
     pub(super) fn extent(&self) -> Vec3 {
         Vec3::from_array(self.size.map(|size| size as f32))
     }
+}
+
+/// The numbers along the axes of a voxel in its brick.
+fn within_brick(offset: usize) -> [usize; 3] {
+    let edge = BRICK as usize;
+    [offset % edge, offset / edge % edge, offset / edge / edge]
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::{Vertex, Way};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::LightSample;
 use crate::math::DVec2;
-use crate::medium::MediumId;
+use crate::medium::{Medium, MediumId};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -112,41 +112,52 @@ impl<'a> Tracer<'a> {
     /// What comes through media along a way, and through their bounds, and the medium at its end; also through the shapes of lights where these
     /// are hidden.
     fn pass(&mut self, way: &Way, hide_emitters: bool, random: &mut PathRandom) -> (Passed, Option<MediumId>) {
-        let Way {
-            mut ray,
-            mut length,
-            mut medium,
-        } = *way;
+        let mut way = *way;
         let mut passed = Passed::ALL;
         loop {
-            let hit = self.intersect(&ray);
-            let end = hit.as_ref().map_or(length, |point| point.distance);
+            let hit = self.intersect(&way.ray);
+            let end = hit.as_ref().map_or(way.length, |point| point.distance);
             let opaque = hit.as_ref().filter(|point| {
                 let hidden = hide_emitters && self.scene.light_at(point).is_some();
                 !hidden && !self.scene.is_passed(point)
             });
             if opaque.is_some() {
-                return (Passed::NOTHING, medium);
+                return (Passed::NOTHING, way.medium);
             }
-            if let Some((_, inside)) = self.scene.medium(medium) {
-                passed.share *= inside.transmittance(&ray, end, random);
+            if let Some((_, inside)) = self.scene.medium(way.medium) {
+                passed.share *= inside.transmittance(&way.ray, end, random);
                 passed.expected *= inside.expected_transmittance(end);
                 if passed.share.is_black() {
-                    return (Passed::NOTHING, medium);
+                    return (Passed::NOTHING, way.medium);
                 }
             }
             let Some(point) = hit else {
-                return (passed, medium);
+                return (passed, way.medium);
             };
-            medium = self
-                .scene
-                .media_about(&point, medium)
-                .towards(ray.direction, point.geometric_normal);
-            length -= point.distance;
-            ray = Ray {
-                max_distance: ray.max_distance - point.distance,
-                ..point.ray_towards(ray.direction)
+            way = way.behind(self.scene, &point);
+        }
+    }
+
+    /// Calls `visit` with the pieces of a way that lie in media, one after the other and through their bounds, up to the first surface that hides
+    /// what is behind it, or until it says no. A piece is a ray up to its end.
+    pub(crate) fn for_each_piece(&mut self, way: Way, mut visit: impl FnMut(MediumId, &'a Medium, &Ray) -> bool) {
+        let mut way = way;
+        loop {
+            let hit = self.intersect(&way.ray);
+            if let Some((id, medium)) = self.scene.medium(way.medium) {
+                let max_distance = hit.as_ref().map_or(way.ray.max_distance, |point| point.distance);
+                let piece = Ray {
+                    max_distance,
+                    ..way.ray
+                };
+                if !visit(id, medium, &piece) {
+                    return;
+                }
+            }
+            let Some(point) = hit.filter(|point| self.scene.is_passed(point)) else {
+                return;
             };
+            way = way.behind(self.scene, &point);
         }
     }
 

@@ -91,6 +91,21 @@ impl Way {
             ..self
         }
     }
+
+    /// What is left of the way behind a surface that it goes straight through.
+    pub(crate) fn behind(self, scene: &Scene, point: &SurfacePoint) -> Self {
+        let direction = self.ray.direction;
+        Self {
+            ray: Ray {
+                max_distance: self.ray.max_distance - point.distance,
+                ..point.ray_towards(direction)
+            },
+            length: self.length - point.distance,
+            medium: scene
+                .media_about(point, self.medium)
+                .towards(direction, point.geometric_normal),
+        }
+    }
 }
 
 /// A direction in which a vertex is connected or merged, delta lobes left out.

@@ -69,7 +69,6 @@ pub(crate) struct MediumPoint {
     position: Vec3,
     /// Along the ray.
     distance: f32,
-    medium: MediumId,
 }
 
 impl Met {
@@ -139,7 +138,7 @@ impl Walk {
     #[inline]
     pub(crate) fn advance(&mut self, tracer: &mut Tracer, random: &mut PathRandom) -> Met {
         self.edges += 1;
-        self.counted_edges += u32::from(!self.straight);
+        self.counted_edges = self.counted_with_next();
         let point = self.intersect(tracer);
         if tracer.scene.media.is_none() {
             return point.map_or(Met::Nothing, Met::Surface);
@@ -155,16 +154,9 @@ impl Walk {
     pub(crate) fn pass(&mut self, tracer: &mut Tracer, met: &Met, random: &mut PathRandom) -> Option<Met> {
         tracer.scene.media.as_ref()?;
         let point = met.surface().filter(|point| tracer.scene.is_passed(point))?;
-        self.medium = tracer
-            .scene
-            .media_about(point, self.medium)
-            .towards(self.ray.direction, point.geometric_normal);
         self.passed += point.distance;
-        let max_distance = self.ray.max_distance - point.distance;
-        self.ray = Ray {
-            max_distance,
-            ..point.ray_towards(self.ray.direction)
-        };
+        let behind = self.way().behind(tracer.scene, point);
+        (self.ray, self.medium) = (behind.ray, behind.medium);
         let behind = self.intersect(tracer);
         Some(self.fly(tracer.scene, behind, random))
     }
@@ -172,7 +164,7 @@ impl Walk {
     /// Whether the next edge may belong to a path of at most `most` edges that count.
     #[inline]
     pub(crate) fn has_edge_left(&self, most: u32) -> bool {
-        self.counted_edges + u32::from(!self.straight) <= most
+        self.counted_with_next() <= most
     }
 
     /// Whether the last edge may be followed by one, in a path of at most `most` edges that count.
@@ -208,7 +200,6 @@ impl Walk {
             Some(distance) => Met::Medium(MediumPoint {
                 position: self.ray.origin + self.ray.direction * distance,
                 distance,
-                medium: id,
             }),
             None => end,
         }
@@ -247,7 +238,7 @@ impl Walk {
                 vertex
             }
             Met::Medium(point) => {
-                let (id, medium) = scene.medium(Some(point.medium))?;
+                let (id, medium) = scene.medium(self.medium)?;
                 Vertex::in_medium(point.position, id, &medium.phase, wo, self.mode)
             }
             Met::Nothing => return None,

@@ -5,7 +5,7 @@ use crate::density::{Passable, count_edges, radius_at};
 use crate::geometry::Ray;
 use crate::math::Vec3;
 use crate::medium::{Medium, MediumId, Passage, Steps};
-use crate::path::{States, Tracer, Walk, Way};
+use crate::path::{States, Tracer, Walk};
 use crate::random::PathRandom;
 use crate::settings::MediaEstimator;
 use crate::spectrum::Spectrum;
@@ -116,33 +116,12 @@ impl Cut {
 impl VolumeEstimator<'_> {
     /// Makes beams of the next edge of a light path.
     pub(super) fn add_beams(&self, walk: &Walk, tracer: &mut Tracer, random: &mut PathRandom, beams: &mut Vec<Beam>) {
-        let Way {
-            mut ray, mut medium, ..
-        } = walk.way();
         let mut flux = walk.carried.beta();
         let of_path = (count_edges(walk.counted_with_next()), walk.states);
-        loop {
-            let hit = tracer.intersect(&ray);
-            if let Some((id, medium)) = self.scene.medium(medium) {
-                let piece = Ray {
-                    max_distance: hit.as_ref().map_or(ray.max_distance, |point| point.distance),
-                    ..ray
-                };
-                flux = self.add_pieces((id, medium), of_path, &piece, flux, random, beams);
-                if flux.is_black() {
-                    return;
-                }
-            }
-            let Some(point) = hit.filter(|point| self.scene.is_passed(point)) else {
-                return;
-            };
-            let about = self.scene.media_about(&point, medium);
-            medium = about.towards(ray.direction, point.geometric_normal);
-            ray = Ray {
-                max_distance: ray.max_distance - point.distance,
-                ..point.ray_towards(ray.direction)
-            };
-        }
+        tracer.for_each_piece(walk.way(), |id, medium, piece| {
+            flux = self.add_pieces((id, medium), of_path, piece, flux, random, beams);
+            !flux.is_black()
+        });
     }
 
     /// Cuts the part of a beam along `ray` that lies in one medium into pieces. Returns the flux that comes out of it.

@@ -41,7 +41,7 @@ use crate::settings::{SurfaceKind, SurfacesSettings, Weights};
 use crate::spectrum::Spectrum;
 use rates::Rates;
 use shape::{Meeting, Meetings, Shape};
-use tail::{Stem, Tail};
+use tail::Tail;
 use technique::{Chain, Densities, Technique};
 
 pub(super) fn render(
@@ -316,29 +316,21 @@ impl<'s> SurfaceEstimator<'s> {
                 return light;
             }
             let (direction, length) = (chain.directions[segment], chain.lengths[segment]);
-            let ray = Ray {
-                origin: place,
-                direction,
-                max_distance: length,
-            };
-            if segment == first && matches!(tail.stem, Stem::Edge) {
-                // The piece of an edge lies in one medium, and nothing is in the way.
-                let Some((id, inside)) = tail.medium(self.scene) else {
-                    return Spectrum::ZERO;
-                };
-                light *= inside.transmittance(&ray, length, random);
-                medium = Some(id);
+            let passed = if segment == first {
+                tail.through_first(direction, length, tracer, random)
             } else {
-                let way = match segment == first {
-                    true => tail.way(self.scene, direction, length),
-                    false => Way { ray, length, medium }.up_to(length),
+                let ray = Ray {
+                    origin: place,
+                    direction,
+                    max_distance: length,
                 };
-                let Some((share, at_end)) = tracer.follow(&way, random) else {
-                    return Spectrum::ZERO;
-                };
-                light *= share;
-                medium = at_end;
-            }
+                tracer.follow(&Way { ray, length, medium }.up_to(length), random)
+            };
+            let Some((share, at_end)) = passed else {
+                return Spectrum::ZERO;
+            };
+            light *= share;
+            medium = at_end;
             place += direction * length;
             if segment > 0 {
                 let Some((_, inside)) = self.scene.medium(medium) else {

@@ -180,32 +180,35 @@ impl<'s> Tail<'s> {
         }
     }
 
-    /// The way along `direction` from a stem that sends light into all directions.
-    pub(super) fn way(&self, scene: &Scene, direction: Vec3, length: f32) -> Way {
+    /// What comes through along the first segment, which leads along `direction`, and the medium at its end; `None` where something is in the way.
+    pub(super) fn through_first(
+        &self,
+        direction: Vec3,
+        length: f32,
+        tracer: &mut Tracer,
+        random: &mut PathRandom,
+    ) -> Option<(Spectrum, Option<MediumId>)> {
+        let scene = tracer.scene;
         match &self.stem {
-            Stem::Surface(vertex) => vertex.way_to(direction, length),
+            // The piece of an edge lies in one medium, and nothing is in the way.
+            Stem::Edge => {
+                let (id, medium) = self.medium(scene)?;
+                let ray = Ray {
+                    origin: self.start,
+                    direction,
+                    max_distance: length,
+                };
+                Some((medium.transmittance(&ray, length, random), Some(id)))
+            }
+            Stem::Surface(vertex) => tracer.follow(&vertex.way_to(direction, length), random),
             Stem::Light(start) => {
                 let ray = match &start.origin {
                     Origin::Area(_, point) => point.ray_towards(direction),
                     _ => Ray { direction, ..start.ray },
                 };
-                let along = EmissionSample { ray, ..**start };
-                Way {
-                    ray,
-                    length,
-                    medium: scene.medium_of_light(&along),
-                }
-                .up_to(length)
+                let medium = scene.medium_of_light(&EmissionSample { ray, ..**start });
+                tracer.follow(&Way { ray, length, medium }.up_to(length), random)
             }
-            Stem::Edge => Way {
-                ray: Ray {
-                    origin: self.start,
-                    direction,
-                    max_distance: length,
-                },
-                length,
-                medium: self.medium,
-            },
         }
     }
 
@@ -224,55 +227,20 @@ pub(super) fn add_along<'s>(
     tails: &mut Vec<Tail<'s>>,
 ) {
     let scene = tracer.scene;
-    let Way {
-        mut ray, mut medium, ..
-    } = walk.way();
     let mut flux = walk.carried.beta();
-    let edges = walk.counted_with_next();
-    loop {
-        let hit = tracer.intersect(&ray);
-        let end = hit.as_ref().map_or(ray.max_distance, |point| point.distance);
-        if let Some((id, inside)) = scene.medium(medium) {
-            let piece = Ray {
-                max_distance: end,
-                ..ray
-            };
-            if let Some(rates) = Rates::of(inside) {
-                let piece = Piece {
-                    id,
-                    phase: &inside.phase,
-                    rates,
-                    ray: &piece,
-                };
-                let counted = (edges, walk.states);
-                tails.push(piece.tail(scene, Kind::Three, flux, counted, random));
-                if !from_medium {
-                    tails.push(piece.tail(scene, Kind::Two, flux, counted, random));
-                }
-            }
-            flux *= inside.transmittance(&piece_of(&ray, end), end, random);
-            if flux.is_black() {
-                return;
+    let counted = (walk.counted_with_next(), walk.states);
+    tracer.for_each_piece(walk.way(), |id, medium, ray| {
+        if let Some(rates) = Rates::of(medium) {
+            let phase = &medium.phase;
+            let piece = Piece { id, phase, rates, ray };
+            tails.push(piece.tail(scene, Kind::Three, flux, counted, random));
+            if !from_medium {
+                tails.push(piece.tail(scene, Kind::Two, flux, counted, random));
             }
         }
-        let Some(point) = hit.filter(|point| scene.is_passed(point)) else {
-            return;
-        };
-        medium = scene
-            .media_about(&point, medium)
-            .towards(ray.direction, point.geometric_normal);
-        ray = Ray {
-            max_distance: ray.max_distance - point.distance,
-            ..point.ray_towards(ray.direction)
-        };
-    }
-}
-
-fn piece_of(ray: &Ray, end: f32) -> Ray {
-    Ray {
-        max_distance: end,
-        ..*ray
-    }
+        flux *= medium.transmittance(ray, ray.max_distance, random);
+        !flux.is_black()
+    });
 }
 
 /// A piece of a light path's edge in a medium.

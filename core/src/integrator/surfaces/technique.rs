@@ -39,7 +39,7 @@ pub(super) struct Densities {
     lengths: [f32; 3],
     exceeded: [f32; 3],
     /// Solid-angle density of each direction that is drawn from a phase function; of the first segment 1.
-    pub(super) directions: [f32; 3],
+    directions: [f32; 3],
     /// Unit direction of the camera's ray.
     ray: Vec3,
     /// Density with which a connection chooses the place on the camera's ray.
