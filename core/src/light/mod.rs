@@ -24,7 +24,7 @@ mod sun;
 mod tests;
 mod world;
 
-use crate::geometry::{Geometry, Ray, SurfacePoint};
+use crate::geometry::{Geometry, Ray, ShapeId, SurfacePoint};
 use crate::math::warp::{square_to_cosine_hemisphere, square_to_sphere};
 use crate::math::{DVec2, Discrete, FRAC_1_PI, Frame, PI, Transform, Vec3, to_unit_vec2};
 use crate::spectrum::Spectrum;
@@ -419,6 +419,27 @@ impl Lights {
     #[must_use]
     pub(crate) fn pdf_through_scene(&self) -> f32 {
         1.0 / self.world.cross_section()
+    }
+
+    /// How many there are.
+    pub(crate) fn count(&self) -> usize {
+        self.sources.len()
+    }
+
+    /// The shape of an area light, its area [unit^2], and whether both of its sides emit.
+    pub(crate) fn area(&self, light: LightId) -> Option<(ShapeId, f32, bool)> {
+        match &self.sources[light.0 as usize] {
+            Source::Area(area) => Some((area.sampler.shape(), area.sampler.area(), area.two_sided)),
+            _ => None,
+        }
+    }
+
+    /// The unit axis and the cosine of the half angle of the cone into which a light at a point shines.
+    pub(crate) fn cone(&self, light: LightId) -> Option<(Vec3, f32)> {
+        match &self.sources[light.0 as usize] {
+            Source::Spot(spot) => Some(spot.cone()),
+            _ => None,
+        }
     }
 
     /// A place at which light leaves the light of this index; `None` of one at infinity.

@@ -2,7 +2,7 @@ use super::Falloff;
 use super::projector::axes;
 use crate::geometry::Ray;
 use crate::math::warp::{Cone, one_minus_cos};
-use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2, tan};
+use crate::math::{Frame, TAU, Transform, Vec2, Vec3, atan2, cos, tan};
 use crate::spectrum::Spectrum;
 use crate::texture::{Texture, TexturePoint};
 
@@ -83,6 +83,11 @@ impl Spot {
 
     pub(super) fn position(&self) -> Vec3 {
         self.position
+    }
+
+    /// The unit axis of the cone, and the cosine of its half angle.
+    pub(super) fn cone(&self) -> (Vec3, f32) {
+        (self.frame.n, cos(self.cutoff_angle))
     }
 
     /// Intensity [W/sr] along the unit vector `direction`.

@@ -1,10 +1,10 @@
 //! Photon surfaces (Deng, Jiao, Bitterli and Jarosz 2019): light in media without blur.
 //!
 //! Light paths sweep out surfaces in media. Two of the numbers that say where a light path ends are left open, such as its last two lengths: its end can lie
-//! anywhere on a plane then. A camera ray that crosses the plane closes a path, whose contribution is divided by the Jacobian `|n . psi|`
-//! (equation 24). Another choice of the two numbers makes another surface, which finds the same paths with another density; each path counts by the balance
-//! heuristic over all of them. All these densities are known (`technique.rs`): so a path of the contribution `f` counts as `f / sum_k M_k p_k`,
-//! whatever has found it. This is equation 25 with an exponent of 1, since a score is `f / p`.
+//! anywhere on a plane then ([`technique`], [`sweep`], [`shape`]; of the place on a light, [`lamp`]). A camera ray that crosses the plane closes a path, whose
+//! contribution is divided by the Jacobian `|n . psi|` (equation 24). Another choice of the two numbers makes another surface, which finds the same paths with another
+//! density; each path counts by the balance heuristic over all of them. All these densities are known: so a path of the contribution `f` counts as
+//! `f / sum_k M_k p_k`, whatever has found it. This is equation 25 with an exponent of 1, since a score is `f / p`.
 //!
 //! Which technique counts a path: camera paths cross media and are scattered by surfaces alone, and are connected with lights there. Of paths that media scatter, take
 //! the place of scattering that is nearest to the camera, and the vertex before it:
@@ -19,9 +19,11 @@
 //! Surfaces end where lengths end that are drawn at random ("short" surfaces). Their densities are those of the medium in which the tail begins, wherever it leads
 //! ([`rates::Rates`]), and what comes through is found for the path itself: so the estimate holds in lattices, too, and through the bounds of media.
 
+mod lamp;
 mod rates;
 pub(super) mod settings;
 mod shape;
+mod sweep;
 mod tail;
 mod technique;
 #[cfg(test)]
@@ -39,8 +41,9 @@ use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::settings::{SurfaceKind, SurfacesSettings, Weights};
 use crate::spectrum::Spectrum;
+use lamp::Lamp;
 use rates::Rates;
-use shape::{Meeting, Meetings, Shape};
+use shape::Shape;
 use tail::Tail;
 use technique::{Chain, Densities, Technique};
 
@@ -97,15 +100,15 @@ struct Surface {
 }
 
 impl Passable for Surface {
-    type Found = Meetings;
+    /// Where a ray meets it is found out with the tail.
+    type Found = ();
 
     fn bounds(&self) -> (Vec3, Vec3) {
         self.shape.bounds()
     }
 
-    fn pass(&self, ray: &Ray) -> Option<Meetings> {
-        let meetings = self.shape.meet(ray);
-        meetings.iter().any(Option::is_some).then_some(meetings)
+    fn pass(&self, _ray: &Ray) -> Option<()> {
+        Some(())
     }
 }
 
@@ -157,9 +160,15 @@ impl<'s> SurfaceEstimator<'s> {
             range: 0..settings.photons,
             max_edges: max_edges.saturating_sub(1),
         };
+        let used = &settings.surfaces;
+        let lamps = match used.iter().any(|kind| kind.is_of_lights()) {
+            true => Lamp::all(scene),
+            false => Vec::new(),
+        };
         let chunks = paths.trace_with(scene, observer, counts, |tracer, _, start, random, out: &mut Tails| {
             if let Some(start) = start {
-                out.tails.extend(Tail::of_light(scene, &start, &mut random.apart()));
+                out.tails
+                    .extend(Tail::of_light(scene, &start, &lamps, &mut random.apart()));
                 let walk = Walk::from_light(scene, &start, random);
                 trace_tails(walk, paths.max_edges, tracer, random, &mut out.tails);
             }
@@ -172,13 +181,12 @@ impl<'s> SurfaceEstimator<'s> {
             ends.extend(chunk.ends.iter().map(|end| before + end));
             tails.extend(chunk.tails);
         }
-        let used = &settings.surfaces;
         let surfaces: Vec<Surface> = tails
             .iter()
             .enumerate()
             .flat_map(|(number, tail)| {
-                let techniques = Technique::of(tail.kind).iter();
-                techniques
+                Technique::of(tail)
+                    .iter()
                     .filter(|technique| used.contains(&technique.kind()))
                     .filter_map(move |technique| {
                         Some(Surface {
@@ -220,21 +228,21 @@ impl<'s> SurfaceEstimator<'s> {
             rates,
             limit: count_edges(self.max_edges - piece.counted_edges),
         };
-        self.map.along(&piece.ray, |surface, meetings| {
-            let tail = &self.tails[surface.tail as usize];
-            for meeting in meetings.iter().flatten() {
-                radiance += self.found(&query, tail, surface.technique, meeting, tracer, random);
-            }
+        self.map.along(&piece.ray, |Surface { shape, technique, tail }, ()| {
+            let tail = &self.tails[*tail as usize];
+            technique.each_chain(tail, shape, &piece.ray, |distance, chain| {
+                radiance += self.found(&query, tail, *technique, (distance, chain), tracer, random);
+            });
         });
         let (distance, density) = rates.sample_below(piece.ray.max_distance, random);
         if self.used.contains(&SurfaceKind::Connections) {
-            let meeting = Meeting {
-                distance,
-                along: [0.0; 2],
-            };
+            let place = piece.ray.origin + piece.ray.direction * distance;
             for tail in self.tails_of_one_path(random.next_1d()) {
-                if tail.is_whole() {
-                    radiance += self.found(&query, tail, Technique::Connection, &meeting, tracer, random);
+                if tail.is_whole()
+                    && let Some(chain) = Chain::connecting(tail, place)
+                {
+                    let chain = (distance, &chain);
+                    radiance += self.found(&query, tail, Technique::Connection, chain, tracer, random);
                 }
             }
         }
@@ -247,13 +255,13 @@ impl<'s> SurfaceEstimator<'s> {
         &self.tails[start as usize..self.ends[path] as usize]
     }
 
-    /// What a technique has found brings to the camera, with its share.
+    /// What a chain that a technique has found brings to the camera, with its share. It ends at `distance` of the piece.
     fn found(
         &self,
         query: &Query,
         tail: &Tail,
         technique: Technique,
-        meeting: &Meeting,
+        (distance, chain): (f32, &Chain),
         tracer: &mut Tracer,
         random: &mut PathRandom,
     ) -> Spectrum {
@@ -262,40 +270,46 @@ impl<'s> SurfaceEstimator<'s> {
         if tail.edges > query.limit || tail.states & states == 0 {
             return nothing;
         }
-        let place = ray.origin + ray.direction * meeting.distance;
-        let Some(chain) = technique.chain(tail, place, meeting) else {
-            return nothing;
-        };
-        let density = self.density(query, tail, technique, &chain, meeting.distance);
+        let place = ray.origin + ray.direction * distance;
+        let density = self.density(query, tail, technique, chain, distance);
         if !(density > 0.0 && density.is_finite()) {
             return nothing;
         }
         let phase = query.medium.phase.pdf(-chain.directions[0], -ray.direction);
-        let scattered = query.medium.scattering(place) * phase * query.passage.share(meeting.distance);
+        let scattered = query.medium.scattering(place) * phase * query.passage.share(distance);
         if scattered.is_black() {
             return nothing;
         }
-        *beta * scattered * self.arriving(tail, &chain, tracer, random) * (1.0 / density)
+        *beta * scattered * self.arriving(tail, chain, tracer, random) * (1.0 / density)
     }
 
     /// The sum over techniques of the density with which they find the chain, times how often they are tried.
     fn density(&self, query: &Query, tail: &Tail, technique: Technique, chain: &Chain, distance: f32) -> f32 {
         let phase = tail.medium(self.scene).map(|(_, medium)| &medium.phase);
-        let directions = std::array::from_fn(|segment| match phase {
-            Some(phase) if segment < tail.kind.first() => {
-                phase.pdf(-chain.directions[segment + 1], chain.directions[segment])
-            }
+        let turned = |from: Vec3, to: Vec3| phase.map_or(0.0, |phase| phase.pdf(-from, to));
+        let first = tail.kind.first();
+        let directions = std::array::from_fn(|segment| match segment {
+            0 if first == 0 => tail.spread.pdf(chain.directions[0].dot(chain.axis(tail))),
+            _ if segment < first => turned(chain.directions[segment + 1], chain.directions[segment]),
             _ => 1.0,
         });
         let ray = &query.piece.ray;
-        let place = query.rates.density_below(distance, ray.max_distance);
-        let densities = Densities::new(tail.kind, *chain, &tail.rates, directions, ray.direction, place);
+        let densities = Densities {
+            kind: tail.kind,
+            chain,
+            lengths: chain.lengths.map(|length| tail.rates.density(length)),
+            exceeded: chain.lengths.map(|length| tail.rates.exceeds(length)),
+            directions,
+            aside: turned(chain.directions[2], chain.directions[0]),
+            ray: ray.direction,
+            place: query.rates.density_below(distance, ray.max_distance),
+        };
         let tried = |technique: Technique| match technique {
-            Technique::Connection => densities.of(technique),
-            _ => self.light_paths as f32 * densities.of(technique),
+            Technique::Connection => densities.of(technique, tail.sweep()),
+            _ => self.light_paths as f32 * densities.of(technique, tail.sweep()),
         };
         let used = || {
-            Technique::of(tail.kind)
+            Technique::of(tail)
                 .iter()
                 .filter(|technique| self.used.contains(&technique.kind()))
         };
@@ -308,8 +322,8 @@ impl<'s> SurfaceEstimator<'s> {
     /// What arrives at the end of a chain, per solid angle and length as they are measured there \[W/(sr unit^2)\].
     fn arriving(&self, tail: &Tail, chain: &Chain, tracer: &mut Tracer, random: &mut PathRandom) -> Spectrum {
         let first = tail.kind.first();
-        let mut light = tail.sent(&self.scene.lights, chain.directions[first]);
-        let mut place = tail.start;
+        let mut light = tail.sent(&self.scene.lights, chain);
+        let mut place = chain.start.map_or(tail.start, |point| point.position);
         let mut medium = None;
         for segment in (0..=first).rev() {
             if light.is_black() {
@@ -317,7 +331,7 @@ impl<'s> SurfaceEstimator<'s> {
             }
             let (direction, length) = (chain.directions[segment], chain.lengths[segment]);
             let passed = if segment == first {
-                tail.through_first(direction, length, tracer, random)
+                tail.through_first(chain, tracer, random)
             } else {
                 let ray = Ray {
                     origin: place,

@@ -1,8 +1,9 @@
 //! Lengths that are drawn for photon surfaces.
 
 use crate::math::{exp, exp_m1, ln_1p};
-use crate::medium::Medium;
+use crate::medium::{Medium, MediumId};
 use crate::random::PathRandom;
+use crate::scene::Scene;
 use crate::spectrum::CHANNELS;
 
 /// A mixture of exponential densities of lengths, one for each channel that a medium extinguishes.
@@ -29,8 +30,18 @@ impl Rates {
         (count > 0).then_some(Self { rates, count })
     }
 
-    /// Of a single rate.
-    pub(super) fn single(rate: f32) -> Self {
+    /// Those of the first of some media that extinguishes something, or a rate that suits the size of the scene where none does.
+    pub(super) fn of_first(media: impl IntoIterator<Item = Option<MediumId>>, scene: &Scene) -> Self {
+        let mut media = media.into_iter();
+        media
+            .find_map(|medium| Self::of(scene.medium(medium)?.1))
+            .unwrap_or_else(|| {
+                let (lower, upper) = scene.geometry.bounds();
+                Self::single(1.0 / (upper - lower).length().max(f32::MIN_POSITIVE))
+            })
+    }
+
+    fn single(rate: f32) -> Self {
         let mut rates = [0.0; CHANNELS];
         rates[0] = rate;
         Self { rates, count: 1 }

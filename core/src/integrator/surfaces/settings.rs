@@ -19,14 +19,30 @@ pub(in crate::integrator) const INTEGRATOR: Integrator = Integrator {
 const SURFACES: Setting = Setting {
     name: "surfaces",
     kind: Kind::Choices {
-        words: &["planes", "spheres", "cones", "cylinders", "discs", "connections"],
+        words: &[
+            "planes",
+            "spheres",
+            "inner_spheres",
+            "cones",
+            "cylinders",
+            "discs",
+            "toroids",
+            "hyperboloids",
+            "connections",
+            "light_copies",
+            "light_planes",
+            "turned_planes",
+            "light_circles",
+            "light_arcs",
+        ],
         needed: &[],
     },
     instead: None,
     unit: "",
     help: "Surfaces that light paths sweep out in media, and that camera rays cross: a surface for two lengths of the light path, for a direction, for a length and \
-           an angle about the way before, for an earlier length and that angle, for a length and the other angle; and connections of camera rays with light paths. Light that \
-           is scattered once needs spheres, cones or connections",
+           an angle about the way before, for an earlier length and that angle, for a length and the other angle, and so on; and connections of camera rays with light paths. \
+           Those of the names `light_...` and `turned_planes` are swept out by the places of area lights; all but copies need rectangles. Light \
+           that is scattered once needs spheres, cones, connections or surfaces of lights",
 };
 
 const WEIGHTS: Setting = Setting {
@@ -47,7 +63,7 @@ pub struct SurfacesSettings {
     pub samples: u32,
     /// How the random numbers of paths relate to each other.
     pub sampling: Sampling,
-    /// Surfaces that are used. Light that was scattered once needs spheres, cones or connections.
+    /// Surfaces that are used. Light that was scattered once needs spheres, cones, connections or surfaces of lights.
     pub surfaces: Vec<SurfaceKind>,
     /// How surfaces that find the same light share it.
     pub weights: Weights,
@@ -63,14 +79,41 @@ pub enum SurfaceKind {
     Planes,
     /// The last direction.
     Spheres,
+    /// The direction before the last.
+    InnerSpheres,
     /// The last length, and the last direction about the one before.
     Cones,
     /// The last length but one, and the last direction about the one before.
     Cylinders,
     /// The last length, and the angle between the last two directions.
     Discs,
+    /// The angles about the two directions before the last.
+    Toroids,
+    /// The last length, and the angle about the direction before the last but one.
+    Hyperboloids,
     /// The last direction and length: a place on a camera ray is connected with a light path.
     Connections,
+    /// The place on an area light: the surface is a copy of the light.
+    LightCopies,
+    /// One coordinate of the place on a rectangular light, and the length.
+    LightPlanes,
+    /// The same in a random direction on the light.
+    TurnedPlanes,
+    /// One coordinate of the place on a rectangular light, and the angle about its normal.
+    LightCircles,
+    /// One coordinate of the place on a rectangular light, and the angle with its normal.
+    LightArcs,
+}
+
+impl SurfaceKind {
+    /// Whether area lights sweep them out.
+    pub(super) fn is_of_lights(self) -> bool {
+        use SurfaceKind::{LightArcs, LightCircles, LightCopies, LightPlanes, TurnedPlanes};
+        matches!(
+            self,
+            LightCopies | LightPlanes | TurnedPlanes | LightCircles | LightArcs
+        )
+    }
 }
 
 /// How techniques that find the same light share it.

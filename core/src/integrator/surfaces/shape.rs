@@ -12,9 +12,12 @@ pub(super) enum Shape {
         edges: [Vec3; 2],
         lengths: [f32; 2],
     },
-    Sphere {
+    /// The places of a sphere whose directions from its centre have a cosine with the axis between two.
+    Zone {
         center: Vec3,
         radius: f32,
+        axis: Vec3,
+        cosines: [f32; 2],
     },
     /// The places at most `length` from the apex, in directions of the cosine `cosine` with the axis.
     Cone {
@@ -37,6 +40,33 @@ pub(super) enum Shape {
         side: Vec3,
         radius: f32,
     },
+    /// What a straight line sweeps over that turns about an axis through `center`.
+    Hyperboloid {
+        center: Vec3,
+        axis: Vec3,
+        origin: Vec3,
+        direction: Vec3,
+        length: f32,
+    },
+    /// What a circle sweeps over that moves from `center` by the vector `along`, which lies in its plane.
+    Stadium {
+        center: Vec3,
+        along: Vec3,
+        normal: Vec3,
+        radius: f32,
+    },
+    /// What a quarter of a circle sweeps over that moves from `center` by `length` along the unit vector `along`: that between the
+    /// unit vectors `side` and `normal`, which are perpendicular to each other.
+    Arc {
+        center: Vec3,
+        along: Vec3,
+        length: f32,
+        side: Vec3,
+        normal: Vec3,
+        radius: f32,
+    },
+    /// A box about a shape that rays meet elsewhere.
+    Boxed { lower: Vec3, upper: Vec3 },
 }
 
 /// Where a ray meets a shape.
@@ -44,7 +74,8 @@ pub(super) enum Shape {
 pub(super) struct Meeting {
     /// Along the ray.
     pub(super) distance: f32,
-    /// Along the edges of a parallelogram, or the first of them the height on a cylinder.
+    /// Along the edges of a parallelogram; or the first of them is the height on a cylinder, the length on the line of a hyperboloid, or how far an arc
+    /// has moved.
     pub(super) along: [f32; 2],
 }
 
@@ -62,7 +93,15 @@ impl Shape {
                     (lower.min(corner), upper.max(corner))
                 })
             }
-            Self::Sphere { center, radius } => (center - radius, center + radius),
+            Self::Zone {
+                center,
+                radius,
+                axis,
+                cosines,
+            } => {
+                let reach = zone_reach(axis, cosines);
+                (center - reach[1] * radius, center + reach[0] * radius)
+            }
             Self::Cone {
                 apex,
                 axis,
@@ -88,6 +127,46 @@ impl Shape {
                 side,
                 radius,
             } => disc_bounds(center, axis.cross(side), radius),
+            Self::Hyperboloid {
+                center,
+                axis,
+                origin,
+                direction,
+                length,
+            } => {
+                // The circles of the line's ends bound it, since the distance from the axis is greatest at one of them.
+                let [first, last] = [origin, origin + direction * length].map(|end| {
+                    let offset = end - center;
+                    let along = axis * offset.dot(axis);
+                    disc_bounds(center + along, axis, (offset - along).length())
+                });
+                (first.0.min(last.0), first.1.max(last.1))
+            }
+            Self::Stadium {
+                center,
+                along,
+                normal,
+                radius,
+            } => {
+                let (lower, upper) = disc_bounds(center, normal, radius);
+                (lower.min(lower + along), upper.max(upper + along))
+            }
+            Self::Arc {
+                center,
+                along,
+                length,
+                side,
+                normal,
+                radius,
+            } => {
+                let [side, normal, along] = [side * radius, normal * radius, along * length];
+                let (lower, upper) = (side.min(normal).min(Vec3::ZERO), (side + normal).max(side).max(normal));
+                (
+                    center + lower + along.min(Vec3::ZERO),
+                    center + upper + along.max(Vec3::ZERO),
+                )
+            }
+            Self::Boxed { lower, upper } => (lower, upper),
         }
     }
 
@@ -116,18 +195,25 @@ impl Shape {
                 });
                 [meeting, None]
             }
-            Self::Sphere { center, radius } => {
-                let between = from - center.as_dvec3();
+            Self::Zone {
+                center,
+                radius,
+                axis,
+                cosines,
+            } => {
+                let (between, axis) = (from - center.as_dvec3(), axis.as_dvec3());
                 let half = between.dot(on);
                 let rest = between - on * half;
                 let radius = f64::from(radius);
-                roots(
-                    1.0,
-                    half,
-                    between.length_squared() - radius * radius,
-                    radius * radius - rest.length_squared(),
-                )
-                .map(|root| root.filter(|distance| within(*distance)).map(plain))
+                let [least, greatest] = cosines.map(|cosine| f64::from(cosine) * radius);
+                let c = between.length_squared() - radius * radius;
+                roots(1.0, half, c, radius * radius - rest.length_squared()).map(|root| {
+                    root.filter(|distance| {
+                        let height = (between + on * *distance).dot(axis);
+                        within(*distance) && least <= height && height <= greatest
+                    })
+                    .map(plain)
+                })
             }
             Self::Cone {
                 apex,
@@ -188,8 +274,93 @@ impl Shape {
                 let inside = place.dot(side) >= 0.0 && place.length() <= f64::from(radius);
                 [(within(distance) && inside).then(|| plain(distance)), None]
             }
+            Self::Hyperboloid {
+                center,
+                axis,
+                origin,
+                direction,
+                length,
+            } => {
+                let [axis, line] = [axis, direction].map(|v| v.as_dvec3());
+                let start = (origin - center).as_dvec3();
+                let between = from - center.as_dvec3();
+                // At the height of the ray above the centre the line is that far along.
+                let slope = line.dot(axis);
+                let (first, per_distance) = ((between - start).dot(axis) / slope, on.dot(axis) / slope);
+                // There, ray and line are at the same distance from the centre.
+                let (on_line, moved) = (start + line * first, line * per_distance);
+                let a = 1.0 - moved.length_squared();
+                let half = between.dot(on) - on_line.dot(moved);
+                let c = between.length_squared() - on_line.length_squared();
+                roots(a, half, c, half * half - a * c).map(|root| {
+                    let distance = root.filter(|distance| within(*distance))?;
+                    let along = first + per_distance * distance;
+                    (0.0..=f64::from(length)).contains(&along).then_some(Meeting {
+                        distance: distance as f32,
+                        along: [along as f32, 0.0],
+                    })
+                })
+            }
+            Self::Stadium {
+                center,
+                along,
+                normal,
+                radius,
+            } => {
+                let [along, normal] = [along, normal].map(|v| v.as_dvec3());
+                let between = center.as_dvec3() - from;
+                let distance = between.dot(normal) / on.dot(normal);
+                let place = on * distance - between;
+                let moved = (place.dot(along) / along.length_squared()).clamp(0.0, 1.0);
+                let inside = (place - along * moved).length() <= f64::from(radius);
+                [(within(distance) && inside).then(|| plain(distance)), None]
+            }
+            Self::Arc {
+                center,
+                along,
+                length,
+                side,
+                normal,
+                radius,
+            } => {
+                let [along, side, normal] = [along, side, normal].map(|v| v.as_dvec3());
+                let between = from - center.as_dvec3();
+                // Without what lies along the motion, it is an ellipse.
+                let across = normal.cross(along);
+                let narrow = side.dot(across);
+                let flat = |v: DVec3| [v.dot(across) / narrow, v.dot(normal)];
+                let ([x, y], [to_x, to_y]) = (flat(between), flat(on));
+                let radius = f64::from(radius);
+                let a = to_x * to_x + to_y * to_y;
+                let half = x * to_x + y * to_y;
+                let c = x * x + y * y - radius * radius;
+                roots(a, half, c, half * half - a * c).map(|root| {
+                    let distance = root.filter(|distance| within(*distance))?;
+                    let [x, y] = [x + to_x * distance, y + to_y * distance];
+                    let moved = (between + on * distance).dot(along) - side.dot(along) * x;
+                    let inside = x >= 0.0 && y >= 0.0 && (0.0..=f64::from(length)).contains(&moved);
+                    inside.then_some(Meeting {
+                        distance: distance as f32,
+                        along: [moved as f32, 0.0],
+                    })
+                })
+            }
+            Self::Boxed { .. } => [None, None],
         }
     }
+}
+
+/// How far directions whose cosine with the axis lies between two reach along the axes of space, and against them.
+fn zone_reach(axis: Vec3, [least, greatest]: [f32; 2]) -> [Vec3; 2] {
+    let reach = |cosine: f32| {
+        let nearest = cosine.clamp(least, greatest);
+        let sine = |cosine: f32| (1.0 - cosine * cosine).max(0.0).sqrt();
+        match nearest == cosine {
+            true => 1.0,
+            false => cosine * nearest + sine(cosine) * sine(nearest),
+        }
+    };
+    [axis, -axis].map(|axis| axis.map(reach))
 }
 
 /// The roots of `a x^2 + 2 half x + c`, whose discriminant `half^2 - a c` is given: it is often known better than by these.

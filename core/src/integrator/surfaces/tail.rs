@@ -1,15 +1,19 @@
 //! The ends of light paths in media: what photon surfaces are made of.
 
+use super::lamp::{Lamp, Line};
 use super::rates::Rates;
+use super::technique::Chain;
 use crate::density::count_edges;
 use crate::geometry::{Ray, SurfacePoint};
-use crate::light::{EmissionSample, Lights, Origin};
+use crate::light::{EmissionSample, LightId, Lights, Origin};
+use crate::math::warp::square_to_sphere;
 use crate::math::{Frame, TAU, Vec2, Vec3, safe_sqrt, sin_cos};
 use crate::medium::{Medium, MediumId, Phase};
 use crate::path::{ANY, AT_LIGHT, Event, States, Tracer, Vertex, Walk, Way};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
+use std::sync::Arc;
 
 /// How the vertices of a tail lie, from where it begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,8 +32,66 @@ pub(super) enum Stem<'s> {
     Edge,
     /// At a light, which sends light into all directions that it does.
     Light(Box<EmissionSample>),
+    /// At an area light which photon surfaces sweep over, too.
+    Lamp(Box<Sweep>),
     /// At a surface, which scatters light into all directions that it does.
     Surface(Box<Vertex<'s>>),
+}
+
+/// A start on an area light, and what has been drawn for sweeping over it.
+pub(super) struct Sweep {
+    light: LightId,
+    point: SurfacePoint,
+    start: EmissionSample,
+    pub(super) lamp: Arc<Lamp>,
+    /// In which copies of the light are moved: for a plane that of the tail.
+    pub(super) direction: Vec3,
+    /// A random line on a rectangle.
+    pub(super) line: Option<Line>,
+}
+
+/// The directions into which light leaves a light or a surface, about an axis. The azimuth is uniform.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Spread {
+    /// Those on the side of the axis, in proportion to the cosine.
+    OneSide,
+    /// All, in proportion to the cosine without its sign.
+    BothSides,
+    /// Those of a cosine of at least this with the axis, evenly.
+    Cone(f32),
+}
+
+impl Spread {
+    /// The least cosine with the axis.
+    pub(super) fn least_cosine(self) -> f32 {
+        match self {
+            Self::OneSide => 0.0,
+            Self::BothSides => -1.0,
+            Self::Cone(least) => least,
+        }
+    }
+
+    /// The density of a direction of this cosine with the axis \[1/sr\].
+    pub(super) fn pdf(self, cosine: f32) -> f32 {
+        let of_cosine = match self {
+            Self::OneSide => 2.0 * cosine.max(0.0),
+            Self::BothSides => cosine.abs(),
+            Self::Cone(least) if cosine >= least => 1.0 / (1.0 - least),
+            Self::Cone(_) => 0.0,
+        };
+        of_cosine / TAU
+    }
+
+    fn sample_cosine(self, u: f32) -> f32 {
+        match self {
+            Self::OneSide => safe_sqrt(u),
+            Self::BothSides => {
+                let signed = 2.0 * u - 1.0;
+                safe_sqrt(signed.abs()).copysign(signed)
+            }
+            Self::Cone(least) => 1.0 - u * (1.0 - least),
+        }
+    }
 }
 
 /// The last segments of a light path, as they were drawn.
@@ -44,8 +106,12 @@ pub(super) struct Tail<'s> {
     /// The medium of the first segment. It is that of an edge on its whole piece.
     medium: Option<MediumId>,
     pub(super) rates: Rates,
-    /// Unit vectors.
+    /// Unit vectors. Those of segments before the first repeat the axis about which the first was drawn.
     pub(super) directions: [Vec3; 3],
+    /// How the direction of a single segment is drawn.
+    pub(super) spread: Spread,
+    /// A direction for the last of three segments that is drawn about that of the first.
+    pub(super) aside: Vec3,
     /// \[scene units\].
     pub(super) lengths: [f32; 3],
     /// How far the first segment can reach, where the stem is an edge \[scene units\].
@@ -67,31 +133,51 @@ impl Kind {
     }
 }
 
-/// The density of the cosine between the axis and a segment that leaves a light or a surface: in proportion to the cosine.
-pub(super) fn pdf_of_cosine(cosine: f32) -> f32 {
-    cosine.abs()
-}
-
 impl<'s> Tail<'s> {
-    /// The tail of a light, with directions about its normal, or about any axis.
-    pub(super) fn of_light(scene: &Scene, start: &EmissionSample, random: &mut PathRandom) -> Option<Self> {
+    /// The tail of a light, with directions about its normal, or about the axis of its cone. `lamps` are the scene's, each at the number of its
+    /// light, where surfaces sweep over them.
+    pub(super) fn of_light(
+        scene: &Scene,
+        start: &EmissionSample,
+        lamps: &[Option<Arc<Lamp>>],
+        random: &mut PathRandom,
+    ) -> Option<Self> {
         let states = scene.paths.as_ref().map_or(ANY, |_| AT_LIGHT);
-        let (at, axis) = match &start.origin {
-            Origin::Area(_, point) => (point.position, point.geometric_normal),
-            Origin::Point(_) => (start.ray.origin, Vec3::Z),
+        let (at, axis, spread) = match &start.origin {
+            Origin::Area(_, point) => (point.position, point.geometric_normal, Spread::OneSide),
+            Origin::Point(light) => {
+                let (axis, least) = scene.lights.cone(*light).unwrap_or((Vec3::Z, -1.0));
+                (start.ray.origin, axis, Spread::Cone(least))
+            }
             _ => return None,
         };
-        let medium = scene.medium_of_light(start);
-        let stem = Stem::Light(Box::new(*start));
-        Some(Self::free(
-            scene,
-            stem,
-            [medium, medium],
-            (at, axis),
+        let rates = Rates::of_first([scene.medium_of_light(start)], scene);
+        let counted = (1, states);
+        let mut tail = Self::free(
+            Stem::Light(Box::new(*start)),
+            rates,
+            (at, axis, spread),
             Spectrum::ONE,
-            (1, states),
+            counted,
             random,
-        ))
+        );
+        if let Origin::Area(light, point) = start.origin
+            && let Some(Some(lamp)) = lamps.get(light.0 as usize)
+        {
+            let direction = match lamp.is_plane {
+                true => tail.directions[0],
+                false => square_to_sphere(random.next_2d()),
+            };
+            tail.stem = Stem::Lamp(Box::new(Sweep {
+                light,
+                point,
+                start: *start,
+                lamp: lamp.clone(),
+                direction,
+                line: lamp.rectangle.and_then(|rectangle| rectangle.random_line(random)),
+            }));
+        }
+        Some(tail)
     }
 
     /// The tail of a surface that scatters light, with directions about its normal.
@@ -101,46 +187,52 @@ impl<'s> Tail<'s> {
         point: &SurfacePoint,
         random: &mut PathRandom,
     ) -> Self {
-        let axis = point.geometric_normal;
-        let media = [axis, -axis].map(|direction| vertex.medium_towards(direction));
+        let towards_wo = point.geometric_normal * vertex.wo.dot(point.geometric_normal).signum();
+        let spread = match scene.material(point).transmits() {
+            true => Spread::BothSides,
+            false => Spread::OneSide,
+        };
+        let sides = [towards_wo, -towards_wo].map(|direction| vertex.medium_towards(direction));
+        let rates = Rates::of_first(sides, scene);
         let counted = (vertex.counted_edges + 1, vertex.states.smooth);
         let stem = Stem::Surface(Box::new(vertex.clone()));
-        Self::free(scene, stem, media, (point.position, axis), vertex.beta, counted, random)
+        let start = (point.position, towards_wo, spread);
+        Self::free(stem, rates, start, vertex.beta, counted, random)
     }
 
-    /// A tail of one segment into any direction.
+    /// A tail of one segment in a direction of a spread.
     fn free(
-        scene: &Scene,
         stem: Stem<'s>,
-        media: [Option<MediumId>; 2],
-        (start, axis): (Vec3, Vec3),
+        rates: Rates,
+        (start, axis, spread): (Vec3, Vec3, Spread),
         flux: Spectrum,
         (edges, states): (u32, States),
         random: &mut PathRandom,
     ) -> Self {
-        let rates = media
-            .into_iter()
-            .find_map(|medium| Rates::of(scene.medium(medium)?.1))
-            .unwrap_or_else(|| {
-                let (lower, upper) = scene.geometry.bounds();
-                Rates::single(1.0 / (upper - lower).length().max(f32::MIN_POSITIVE))
-            });
-        // Both signs of the cosine, and each with a density in proportion to it.
-        let u = 2.0 * random.next_1d() - 1.0;
-        let cosine = safe_sqrt(u.abs()).copysign(u);
+        let cosine = spread.sample_cosine(random.next_1d());
         let direction = about(axis, cosine, random.next_1d());
         Self {
             stem,
             kind: Kind::One,
             start,
             flux,
-            medium: media[0],
+            medium: None,
             rates,
             directions: [direction, axis, axis],
+            spread,
+            aside: axis,
             lengths: [rates.sample(random), 0.0, 0.0],
             end: f32::INFINITY,
             edges: count_edges(edges),
             states,
+        }
+    }
+
+    /// The area light of the tail, where surfaces sweep over it.
+    pub(super) fn sweep(&self) -> Option<&Sweep> {
+        match &self.stem {
+            Stem::Lamp(sweep) => Some(sweep),
+            _ => None,
         }
     }
 
@@ -164,15 +256,18 @@ impl<'s> Tail<'s> {
         self.lengths[self.kind.first()] < self.end
     }
 
-    /// What of the light goes along `direction` from a stem that sends it into all directions, per solid angle \[W/sr\].
-    pub(super) fn sent(&self, lights: &Lights, direction: Vec3) -> Spectrum {
+    /// What of the light goes along the first segment of a chain, per solid angle and by the density of its start \[W/sr\].
+    pub(super) fn sent(&self, lights: &Lights, chain: &Chain) -> Spectrum {
+        let direction = chain.directions[self.kind.first()];
+        let from_area = |light, point: &SurfacePoint, pdf_position: f32| {
+            let cosine = direction.dot(point.geometric_normal).max(0.0);
+            lights.emitted(light, point, direction) * (cosine / pdf_position)
+        };
         match &self.stem {
             Stem::Edge => self.flux,
+            Stem::Lamp(sweep) => from_area(sweep.light, sweep.point_of(chain), sweep.start.pdf_position),
             Stem::Light(start) => match &start.origin {
-                Origin::Area(light, point) => {
-                    let cosine = direction.dot(point.geometric_normal).max(0.0);
-                    lights.emitted(*light, point, direction) * (cosine / start.pdf_position)
-                }
+                Origin::Area(light, point) => from_area(*light, point, start.pdf_position),
                 Origin::Point(light) => lights.intensity(*light, direction) * (1.0 / start.pdf_position),
                 _ => Spectrum::ZERO,
             },
@@ -180,15 +275,25 @@ impl<'s> Tail<'s> {
         }
     }
 
-    /// What comes through along the first segment, which leads along `direction`, and the medium at its end; `None` where something is in the way.
+    /// What comes through along the first segment of a chain, and the medium at its end; `None` where something is in the way.
     pub(super) fn through_first(
         &self,
-        direction: Vec3,
-        length: f32,
+        chain: &Chain,
         tracer: &mut Tracer,
         random: &mut PathRandom,
     ) -> Option<(Spectrum, Option<MediumId>)> {
         let scene = tracer.scene;
+        let first = self.kind.first();
+        let (direction, length) = (chain.directions[first], chain.lengths[first]);
+        let mut follow = |start: EmissionSample| {
+            let medium = scene.medium_of_light(&start);
+            let way = Way {
+                ray: start.ray,
+                length,
+                medium,
+            };
+            tracer.follow(&way.up_to(length), random)
+        };
         match &self.stem {
             // The piece of an edge lies in one medium, and nothing is in the way.
             Stem::Edge => {
@@ -201,13 +306,20 @@ impl<'s> Tail<'s> {
                 Some((medium.transmittance(&ray, length, random), Some(id)))
             }
             Stem::Surface(vertex) => tracer.follow(&vertex.way_to(direction, length), random),
-            Stem::Light(start) => {
-                let ray = match &start.origin {
+            Stem::Light(start) => follow(EmissionSample {
+                ray: match &start.origin {
                     Origin::Area(_, point) => point.ray_towards(direction),
                     _ => Ray { direction, ..start.ray },
-                };
-                let medium = scene.medium_of_light(&EmissionSample { ray, ..**start });
-                tracer.follow(&Way { ray, length, medium }.up_to(length), random)
+                },
+                ..**start
+            }),
+            Stem::Lamp(sweep) => {
+                let point = sweep.point_of(chain);
+                follow(EmissionSample {
+                    ray: point.ray_towards(direction),
+                    origin: Origin::Area(sweep.light, *point),
+                    ..sweep.start
+                })
             }
         }
     }
@@ -266,6 +378,8 @@ impl Piece<'_> {
             let choice = random.next_1d();
             directions[segment] = self.phase.sample(-directions[segment + 1], choice, random.next_2d());
         }
+        let (choice, u) = (random.next_1d(), random.next_2d());
+        let aside = self.phase.sample(-self.ray.direction, choice, u);
         let lengths = std::array::from_fn(|_| self.rates.sample(random));
         let states = match &scene.paths {
             Some(paths) => (0..first).fold(states, |states, _| paths.after(states, Event::Volume)),
@@ -279,11 +393,25 @@ impl Piece<'_> {
             medium: Some(self.id),
             rates: self.rates,
             directions,
+            spread: Spread::OneSide,
+            aside,
             lengths,
             end: self.ray.max_distance,
             edges: count_edges(edges + first as u32),
             states,
         }
+    }
+}
+
+impl Sweep {
+    /// Where on the light a chain starts.
+    fn point_of<'c>(&'c self, chain: &'c Chain) -> &'c SurfacePoint {
+        chain.start.as_ref().unwrap_or(&self.point)
+    }
+
+    /// The unit normal on the side that emits.
+    pub(super) fn normal(&self) -> Vec3 {
+        self.point.geometric_normal
     }
 }
 

@@ -1,52 +1,91 @@
-//! The ways to find the end of a light path on a camera ray: what is swept over, the surface that it makes, and its density.
+//! The ways to find the end of a light path on a camera ray: what is swept over, and the density of what is found.
 
-use super::rates::Rates;
-use super::shape::{Meeting, Shape};
-use super::tail::{Kind, Tail, pdf_of_cosine};
-use crate::math::{Frame, TAU, Vec3, safe_sqrt};
+use super::lamp::Rectangle;
+use super::tail::{Kind, Sweep, Tail};
+use crate::geometry::SurfacePoint;
+use crate::math::{FRAC_1_PI, TAU, Vec3};
 use crate::settings::SurfaceKind;
 
-/// What is swept over analytically, besides the distance along the camera's ray (Deng et al. 2019, table 1). Segments of the light
-/// path are numbered from its end.
+/// What is swept over analytically, besides the distance along the camera's ray (Deng et al. 2019, table 1 and section 5.2). Segments of
+/// the light path are numbered from its end: the directions omega_1, omega_2, omega_3 of the paper are those of the segments 0, 1, 2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Technique {
     /// The lengths of two segments.
     Plane(u8, u8),
     /// The last direction.
     Sphere,
+    /// The direction before the last, while the last stays as it is.
+    InnerSphere,
     /// The last length, and the angle about the direction before.
     Cone,
     /// The length before the last, and the angle about its direction.
     Cylinder,
     /// The last length, and the cosine with the direction before.
     HalfDisc,
+    /// The angles about the two directions before the last.
+    Toroid,
+    /// The last length, and the angle about the direction before the last but one.
+    Hyperboloid,
     /// The last direction and length, while the place on the camera's ray is drawn (footnote 2): a connection.
     Connection,
+    /// Both coordinates of the place on the light.
+    LightCopy,
+    /// The coordinate along an edge of the light, and the length.
+    LightPlane(u8),
+    /// The same along a line on the light in a random direction (section 6.2).
+    TurnedPlane,
+    /// The coordinate along an edge of the light, and the angle about its normal.
+    LightCircle(u8),
+    /// The coordinate along an edge of the light, and the cosine with its normal.
+    LightArc(u8),
 }
 
-/// Segments of a light path that ends on a camera ray.
-#[derive(Clone, Copy, Debug)]
+/// A light path that ends on a camera ray, from the start of its tail.
+#[derive(Clone, Debug)]
 pub(super) struct Chain {
+    /// Where it starts on a light that was swept over; `None`: where the tail does.
+    pub(super) start: Option<SurfacePoint>,
     pub(super) directions: [Vec3; 3],
     pub(super) lengths: [f32; 3],
 }
 
 /// What densities of techniques are made of, for one chain and one camera ray.
-pub(super) struct Densities {
-    kind: Kind,
-    chain: Chain,
+pub(super) struct Densities<'c> {
+    pub(super) kind: Kind,
+    pub(super) chain: &'c Chain,
     /// Of each length, and the probability of a greater one.
-    lengths: [f32; 3],
-    exceeded: [f32; 3],
-    /// Solid-angle density of each direction that is drawn from a phase function; of the first segment 1.
-    directions: [f32; 3],
+    pub(super) lengths: [f32; 3],
+    pub(super) exceeded: [f32; 3],
+    /// Solid-angle density of each direction. That of the first segment is 1, unless it is the only one.
+    pub(super) directions: [f32; 3],
+    /// Density of the last of three directions where it is drawn about the first.
+    pub(super) aside: f32,
     /// Unit direction of the camera's ray.
-    ray: Vec3,
+    pub(super) ray: Vec3,
     /// Density with which a connection chooses the place on the camera's ray.
-    place: f32,
+    pub(super) place: f32,
 }
 
 const OF_ONE: [Technique; 3] = [Technique::Sphere, Technique::Cone, Technique::Connection];
+const OF_LAMP: [Technique; 4] = [
+    Technique::Sphere,
+    Technique::Cone,
+    Technique::Connection,
+    Technique::LightCopy,
+];
+const OF_RECTANGLE: [Technique; 11] = [
+    Technique::Sphere,
+    Technique::Cone,
+    Technique::Connection,
+    Technique::LightCopy,
+    Technique::LightPlane(0),
+    Technique::LightPlane(1),
+    Technique::TurnedPlane,
+    Technique::LightCircle(0),
+    Technique::LightCircle(1),
+    Technique::LightArc(0),
+    Technique::LightArc(1),
+];
 const OF_TWO: [Technique; 6] = [
     Technique::Plane(1, 0),
     Technique::Sphere,
@@ -55,24 +94,29 @@ const OF_TWO: [Technique; 6] = [
     Technique::HalfDisc,
     Technique::Connection,
 ];
-const OF_THREE: [Technique; 8] = [
+const OF_THREE: [Technique; 11] = [
     Technique::Plane(1, 0),
     Technique::Plane(2, 0),
     Technique::Plane(2, 1),
     Technique::Sphere,
+    Technique::InnerSphere,
     Technique::Cone,
     Technique::Cylinder,
     Technique::HalfDisc,
+    Technique::Toroid,
+    Technique::Hyperboloid,
     Technique::Connection,
 ];
 
 impl Technique {
-    /// Those that find the light of tails of a kind.
-    pub(super) fn of(kind: Kind) -> &'static [Self] {
-        match kind {
-            Kind::One => &OF_ONE,
-            Kind::Two => &OF_TWO,
-            Kind::Three => &OF_THREE,
+    /// Those that find the light of a tail.
+    pub(super) fn of(tail: &Tail) -> &'static [Self] {
+        match (tail.kind, tail.sweep()) {
+            (Kind::One, None) => &OF_ONE,
+            (Kind::One, Some(sweep)) if sweep.lamp.rectangle.is_some() => &OF_RECTANGLE,
+            (Kind::One, Some(_)) => &OF_LAMP,
+            (Kind::Two, _) => &OF_TWO,
+            (Kind::Three, _) => &OF_THREE,
         }
     }
 
@@ -81,130 +125,47 @@ impl Technique {
         match self {
             Self::Plane(..) => SurfaceKind::Planes,
             Self::Sphere => SurfaceKind::Spheres,
+            Self::InnerSphere => SurfaceKind::InnerSpheres,
             Self::Cone => SurfaceKind::Cones,
             Self::Cylinder => SurfaceKind::Cylinders,
             Self::HalfDisc => SurfaceKind::Discs,
+            Self::Toroid => SurfaceKind::Toroids,
+            Self::Hyperboloid => SurfaceKind::Hyperboloids,
             Self::Connection => SurfaceKind::Connections,
+            Self::LightCopy => SurfaceKind::LightCopies,
+            Self::LightPlane(_) => SurfaceKind::LightPlanes,
+            Self::TurnedPlane => SurfaceKind::TurnedPlanes,
+            Self::LightCircle(_) => SurfaceKind::LightCircles,
+            Self::LightArc(_) => SurfaceKind::LightArcs,
         }
     }
 
     /// Whether it sweeps over the length of a segment.
-    fn sweeps(self, segment: usize) -> bool {
+    pub(super) fn sweeps(self, segment: usize) -> bool {
         match self {
             Self::Plane(i, j) => segment == usize::from(i) || segment == usize::from(j),
-            Self::Cone | Self::HalfDisc | Self::Connection => segment == 0,
+            Self::Cone
+            | Self::HalfDisc
+            | Self::Hyperboloid
+            | Self::Connection
+            | Self::LightPlane(_)
+            | Self::TurnedPlane => segment == 0,
             Self::Cylinder => segment == 1,
-            Self::Sphere => false,
-        }
-    }
-
-    /// The surface that a tail sweeps out; `None` where the tail has none.
-    pub(super) fn shape(self, tail: &Tail) -> Option<Shape> {
-        let first = tail.kind.first();
-        if !self.sweeps(first) && !tail.is_whole() {
-            return None;
-        }
-        let [on, before] = [tail.directions[0], tail.directions[1]];
-        let length = |segment: usize| match segment == first {
-            true => tail.lengths[segment].min(tail.end),
-            false => tail.lengths[segment],
-        };
-        let cosine = on.dot(before).clamp(-1.0, 1.0);
-        match self {
-            Self::Plane(i, j) => {
-                let swept = [i, j].map(usize::from);
-                let still = (0..=first).filter(|segment| !swept.contains(segment));
-                let origin = still.fold(tail.start, |place, segment| {
-                    place + tail.directions[segment] * tail.lengths[segment]
-                });
-                Some(Shape::Parallelogram {
-                    origin,
-                    edges: swept.map(|segment| tail.directions[segment]),
-                    lengths: swept.map(length),
-                })
-            }
-            Self::Sphere => Some(Shape::Sphere {
-                center: tail.before(0),
-                radius: length(0),
-            }),
-            Self::Cone => Some(Shape::Cone {
-                apex: tail.before(0),
-                axis: before,
-                cosine,
-                length: length(0),
-            }),
-            Self::Cylinder => Some(Shape::Cylinder {
-                base: tail.before(1) + before * (cosine * length(0)),
-                axis: before,
-                radius: safe_sqrt(1.0 - cosine * cosine) * length(0),
-                height: length(1),
-            }),
-            Self::HalfDisc => {
-                let across = on - before * cosine;
-                let side = across.try_normalize().unwrap_or_else(|| Frame::from_normal(before).s);
-                Some(Shape::HalfDisc {
-                    center: tail.before(0),
-                    axis: before,
-                    side,
-                    radius: length(0),
-                })
-            }
-            Self::Connection => None,
-        }
-    }
-
-    /// The light path of a tail that ends at `place`, which the camera's ray meets; `None` where there is none.
-    pub(super) fn chain(self, tail: &Tail, place: Vec3, meeting: &Meeting) -> Option<Chain> {
-        let mut chain = Chain {
-            directions: tail.directions,
-            lengths: tail.lengths,
-        };
-        match self {
-            Self::Plane(i, j) => {
-                chain.lengths[usize::from(i)] = meeting.along[0];
-                chain.lengths[usize::from(j)] = meeting.along[1];
-                Some(chain)
-            }
-            Self::Cylinder => {
-                chain.lengths[1] = meeting.along[0];
-                let joint = tail.before(1) + tail.directions[1] * meeting.along[0];
-                chain.lead_from(joint, place)
-            }
-            Self::Sphere | Self::Cone | Self::HalfDisc | Self::Connection => chain.lead_from(tail.before(0), place),
+            Self::Sphere
+            | Self::InnerSphere
+            | Self::Toroid
+            | Self::LightCopy
+            | Self::LightCircle(_)
+            | Self::LightArc(_) => false,
         }
     }
 }
 
-impl Chain {
-    /// With the last segment from `joint` to `place`.
-    fn lead_from(mut self, joint: Vec3, place: Vec3) -> Option<Self> {
-        let offset = place - joint;
-        let length = offset.length();
-        (length > 0.0).then(|| {
-            self.lengths[0] = length;
-            self.directions[0] = offset / length;
-            self
-        })
-    }
-}
-
-impl Densities {
-    /// `directions` are the densities by which those of the chain are drawn.
-    pub(super) fn new(kind: Kind, chain: Chain, rates: &Rates, directions: [f32; 3], ray: Vec3, place: f32) -> Self {
-        Self {
-            kind,
-            chain,
-            lengths: chain.lengths.map(|length| rates.density(length)),
-            exceeded: chain.lengths.map(|length| rates.exceeds(length)),
-            directions,
-            ray,
-            place,
-        }
-    }
-
+impl Densities<'_> {
     /// The density with which a technique finds the chain on the camera's ray, per length of the ray and with the measures of the chain's lengths and
-    /// directions: that of what is drawn, times the Jacobian `|n . psi|` (equation 22; normals n of table 1).
-    pub(super) fn of(&self, technique: Technique) -> f32 {
+    /// directions: that of what is drawn, times the Jacobian `|n . psi|` (equation 22; normals n of table 1). Where a chain starts on a light that
+    /// surfaces sweep over, the density is that by area, divided by the density of starts on the light.
+    pub(super) fn of(&self, technique: Technique, sweep: Option<&Sweep>) -> f32 {
         let first = self.kind.first();
         let of_length = |segment: usize| match technique.sweeps(segment) {
             // The length of a connection is not drawn, and no surface ends before it.
@@ -216,24 +177,21 @@ impl Densities {
         let before: f32 = (1..first).map(|segment| self.directions[segment]).product();
         let drawn = lengths * before;
         let Chain {
-            directions,
-            lengths: [length, ..],
-        } = self.chain;
-        let [on, axis] = [directions[0], directions[1]];
-        let cosine = on.dot(axis);
-        // The density of the cosine with the direction before.
-        let of_cosine = match self.kind {
-            Kind::One => pdf_of_cosine(cosine),
-            _ => TAU * self.directions[0],
-        };
-        let of_direction = if first == 0 { 1.0 } else { self.directions[0] };
+            directions: [on, axis, first_axis],
+            lengths: [length, length_before, _],
+            ..
+        } = *self.chain;
+        // Of the cosine with the direction before, and with that before.
+        let [of_cosine, of_cosine_before] = [self.directions[0], self.directions[1]].map(|density| TAU * density);
         let normal = on.cross(axis);
+        let from_second = on * length + axis * length_before;
         match technique {
             Technique::Plane(i, j) => {
-                let [a, b] = [i, j].map(|segment| directions[usize::from(segment)]);
-                drawn * of_direction * a.cross(b).dot(self.ray).abs()
+                let [a, b] = [i, j].map(|segment| self.chain.directions[usize::from(segment)]);
+                drawn * self.directions[0] * a.cross(b).dot(self.ray).abs()
             }
             Technique::Sphere => drawn * length * length * on.dot(self.ray).abs(),
+            Technique::InnerSphere => lengths * self.aside * length_before * length_before * axis.dot(self.ray).abs(),
             Technique::Cone => drawn * of_cosine * length * on.cross(normal).dot(self.ray).abs(),
             Technique::Cylinder => drawn * of_cosine * length * axis.cross(normal).dot(self.ray).abs(),
             Technique::HalfDisc => {
@@ -243,7 +201,74 @@ impl Densities {
                     false => 0.0,
                 }
             }
+            Technique::Toroid => {
+                let turned = first_axis.cross(from_second).cross(axis.cross(on * length));
+                lengths * of_cosine_before * of_cosine * turned.dot(self.ray).abs()
+            }
+            Technique::Hyperboloid => {
+                let turned = first_axis.cross(from_second).cross(on);
+                lengths * of_cosine_before * self.directions[0] * turned.dot(self.ray).abs()
+            }
             Technique::Connection => drawn * length * length * self.place,
+            Technique::LightCopy
+            | Technique::LightPlane(_)
+            | Technique::TurnedPlane
+            | Technique::LightCircle(_)
+            | Technique::LightArc(_) => sweep.map_or(0.0, |sweep| lengths * self.of_light(technique, sweep)),
+        }
+    }
+
+    /// The same of techniques that sweep over a light, but for the density of the length.
+    fn of_light(&self, technique: Technique, sweep: &Sweep) -> f32 {
+        let Chain {
+            directions: [on, ..],
+            lengths: [length, ..],
+            ..
+        } = *self.chain;
+        let lamp = &sweep.lamp;
+        let point = self.chain.start.as_ref();
+        let normal = point.map_or(sweep.normal(), |point| point.geometric_normal);
+        let of_direction = self.directions[0];
+        let along = |vector: Vec3| vector.dot(self.ray);
+        let of_rectangle = |density: &dyn Fn(&Rectangle) -> f32| lamp.rectangle.as_ref().map_or(0.0, density);
+        match technique {
+            Technique::LightCopy => {
+                let of_direction = match lamp.is_plane {
+                    true => lamp.area * of_direction,
+                    false => lamp.emitting() * 0.25 * FRAC_1_PI,
+                };
+                of_direction * along(normal).abs()
+            }
+            Technique::LightPlane(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
+                let edge = usize::from(edge);
+                lengths[edge] * of_direction * along(edges[edge].cross(on)).abs()
+            }),
+            // Equation 27, the mean over all directions of the line.
+            Technique::TurnedPlane => of_rectangle(&|rectangle| {
+                let [u, v] = rectangle.edges.map(|edge| along(edge.cross(on)));
+                let of_line = lamp.area / (2.0 * rectangle.radius());
+                of_line * of_direction * 2.0 * FRAC_1_PI * u.hypot(v)
+            }),
+            Technique::LightCircle(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
+                let edge = usize::from(edge);
+                let of_cosine = TAU * of_direction;
+                lengths[edge] * of_cosine * (length * edges[edge].dot(on) * along(normal)).abs()
+            }),
+            Technique::LightArc(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
+                let edge = usize::from(edge);
+                let cosine = on.dot(normal);
+                let aside = on - normal * cosine;
+                let sine2 = aside.length_squared();
+                match sine2 > 0.0 {
+                    true => {
+                        // How the direction changes with its cosine.
+                        let turned = normal - aside * (cosine / sine2);
+                        lengths[edge] / TAU * (length * along(edges[edge].cross(turned))).abs()
+                    }
+                    false => 0.0,
+                }
+            }),
+            _ => 0.0,
         }
     }
 }

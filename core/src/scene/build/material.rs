@@ -1,7 +1,7 @@
 //! BSDFs.
 
-use super::Builder;
 use super::texture::{Role, colour};
+use super::{Builder, Plain};
 use crate::material::{Coat, Material, MicrofacetKind, RoughCoat, Roughness, ior};
 use crate::scene::description::{Kind, ObjectId, Value};
 use crate::scene::error::{SceneError, shortened, within};
@@ -72,24 +72,24 @@ impl Builder<'_, '_> {
 
     /// The material of shapes without one: Mitsuba's default, a grey diffuse surface.
     pub(super) fn default_material(&mut self) -> u32 {
-        if let Some(index) = self.default_material {
-            return index;
-        }
-        let grey = Material::Diffuse {
-            reflectance: Texture::Constant(Spectrum::splat(0.5)),
-        };
-        let index = self.add_material(grey, None);
-        self.default_material = Some(index);
-        index
+        self.plain_material(Plain::Grey)
     }
 
-    /// The material of shapes that do nothing but bound a medium.
-    pub(super) fn invisible_material(&mut self) -> u32 {
-        if let Some(index) = self.invisible_material {
+    /// A material that no file describes.
+    pub(super) fn plain_material(&mut self, plain: Plain) -> u32 {
+        if let Some(index) = self.plain_materials[plain as usize] {
             return index;
         }
-        let index = self.add_material(Material::Null, None);
-        self.invisible_material = Some(index);
+        let diffuse = |reflectance| Material::Diffuse {
+            reflectance: Texture::Constant(Spectrum::splat(reflectance)),
+        };
+        let material = match plain {
+            Plain::Grey => diffuse(0.5),
+            Plain::Black => diffuse(0.0),
+            Plain::Invisible => Material::Null,
+        };
+        let index = self.add_material(material, None);
+        self.plain_materials[plain as usize] = Some(index);
         index
     }
 

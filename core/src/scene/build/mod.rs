@@ -114,6 +114,16 @@ struct ShapeCounts {
     instances: u64,
 }
 
+/// Materials of shapes that name none.
+#[derive(Clone, Copy, Debug)]
+enum Plain {
+    Grey,
+    /// Of lights.
+    Black,
+    /// Of what bounds a medium, in files for Mitsuba 0.x.
+    Invisible,
+}
+
 /// What has been built so far.
 struct Builder<'b, 'f> {
     description: &'b Description,
@@ -151,10 +161,8 @@ struct Builder<'b, 'f> {
     voxels: u64,
     /// Materials that were built, by the object that describes them.
     material_of: BTreeMap<ObjectId, u32>,
-    /// The material of shapes that name none.
-    default_material: Option<u32>,
-    /// That of shapes in files for Mitsuba 0.x which name none and bound a medium.
-    invisible_material: Option<u32>,
+    /// Materials of shapes that name none, each at the number of its [`Plain`].
+    plain_materials: [Option<u32>; 3],
     /// Materials that are being built: a reference to one of them is a cycle.
     building: Vec<ObjectId>,
     /// BSDFs that the material which is being built consists of so far.
@@ -203,8 +211,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             media_of: BTreeMap::new(),
             voxels: 0,
             material_of: BTreeMap::new(),
-            default_material: None,
-            invisible_material: None,
+            plain_materials: [None; 3],
             building: Vec::new(),
             bsdfs_within: 0,
             textures: texture::Textures::default(),

@@ -1,6 +1,6 @@
 //! Shapes.
 
-use super::{Builder, uniform_scale};
+use super::{Builder, Plain, uniform_scale};
 use crate::geometry::{Shape, ShapeId, ShapeSampler, TriangleMesh};
 use crate::light::Light;
 use crate::math::{AnimatedTransform, Frame, PI, Transform, Vec3};
@@ -205,7 +205,10 @@ impl Builder<'_, '_> {
         let material = match bsdf {
             Some(bsdf) => self.material(bsdf.target)?,
             // Mitsuba 0.6 does so, and Mitsuba 3 does not (`Shape::configure` there, `Shape::initialize` here).
-            None if reader.object.old_dialect && boundary.is_some() && emitter.is_none() => self.invisible_material(),
+            None if reader.object.old_dialect && boundary.is_some() && emitter.is_none() => {
+                self.plain_material(Plain::Invisible)
+            }
+            None if emitter.is_some() => self.plain_material(Plain::Black),
             None => self.default_material(),
         };
         let lamp = match emitter {
