@@ -140,7 +140,7 @@ FIGURES = {
     4: Figure(
         "Single techniques of light that is scattered once",
         ("room", "knot"),
-        ("copies", "light planes", "turned planes"),
+        ("path", "copies", "light planes", "turned planes"),
     ),
     5: Figure("Estimators of light that is scattered once, alone and combined", ("room",)),
     6: Figure(

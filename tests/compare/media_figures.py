@@ -8,6 +8,7 @@ import argparse
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -35,7 +36,7 @@ FALSE_ALARMS = 1e-4
 # How the program says that it does not know a word of a list.
 UNKNOWN = "expected a list of one or more of"
 # Of a check: pixels across and down, light paths, iterations, seeds.
-CHECK_SIZE, CHECK_PHOTONS, CHECK_ITERATIONS, CHECK_SEEDS = 16, 64, 4, 5
+CHECK_SIZE, CHECK_PHOTONS, CHECK_ITERATIONS, CHECK_SEEDS = 16, 64, 4, 4
 
 
 class NotThere(Exception):
@@ -66,18 +67,27 @@ class Program:
     def render(self, cell, settings, iterations, seed, whole=False):
         """Light along the cell's paths, and the processor seconds of the process. With `whole` that of all paths, in about half the time."""
         transport = TRANSPORTS[cell.transport]
+        paths = None if whole else transport.paths
+        return self.run(transport.scene, transport.all_defines, cell.integrator, settings, iterations, seed, paths)
+
+    def run(self, scene, defines, integrator, settings, iterations, seed, paths=None):
+        """A picture, of the light along some paths or along all, and the processor seconds of the process."""
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "picture.exr")
-            command = [self.binary, "render", str(SCENES / f"{transport.scene}.xml"), "-o", out, "--threads", "1"]
-            command += ["--integrator", cell.integrator, "--iterations", str(iterations), "--seed", str(seed)]
-            command += [] if whole else ["--layer", f"part={transport.paths}"]
-            for name, value in {**transport.all_defines, "res": self.resolution}.items():
+            command = [self.binary, "render", str(SCENES / f"{scene}.xml"), "-o", out, "--threads", "1"]
+            command += ["--integrator", integrator, "--iterations", str(iterations), "--seed", str(seed)]
+            command += ["--layer", f"part={paths}"] if paths else []
+            for name, value in {**defines, "res": self.resolution}.items():
                 command += ["-D", f"{name}={value}"]
             for name, value in settings.items():
                 command += ["--set", f"{name}={value}"]
             with open(os.path.join(folder, "log"), "w+") as log:
                 process = subprocess.Popen(command, stdout=log, stderr=log)
-                _, status, used = os.wait4(process.pid, 0)
+                try:
+                    _, status, used = os.wait4(process.pid, 0)
+                except BaseException:
+                    process.kill()
+                    raise
                 process.returncode = os.waitstatus_to_exitcode(status)
                 log.seek(0)
                 said = log.read().strip()
@@ -86,7 +96,7 @@ class Program:
             if process.returncode:
                 raise RuntimeError(f"{' '.join(command)}\nended with status {process.returncode}\n{said}")
             channels = OpenEXR.File(out, separate_channels=True).channels()
-            group = "" if whole else "part."
+            group = "part." if paths else ""
             picture = np.stack([channels[group + letter].pixels for letter in "RGB"], axis=-1)
             return picture.astype(np.float64), used.ru_utime + used.ru_stime
 
@@ -111,20 +121,30 @@ class Program:
         else:
             # The cost is that of the camera paths and, in proportion, that of the light paths.
             base = self.cost(cell, {**settings, "photons": 1}, 0.1 * seconds).iteration
-            many = 256
-            each = max(self.cost(cell, {**settings, "photons": many}, 0.1 * seconds).iteration - base, 1e-2 * base) / many
-            photons = (seconds / ITERATIONS - base) / each
+            for many in (16, 64, 256, 1024, 4096):
+                more = self.cost(cell, {**settings, "photons": many}, 0.1 * seconds).iteration - base
+                if more > base:
+                    break
+            photons = (seconds / ITERATIONS - base) * many / max(more, 1e-2 * base)
             settings["photons"] = int(min(max(photons, LIGHT_PATHS), 1_000_000))
             cost = self.cost(cell, settings, 0.5 * seconds)
         return settings, max(1, round(seconds / cost.iteration)), cost
 
 
-def measure(program, cell, seeds, seconds):
+def renders(program, cell, settings, iterations, seeds, jobs):
+    """What `Program.render` gives for seeds from 1 on, in their order, by so many processes at once."""
+    pool = ThreadPoolExecutor(jobs)
+    try:
+        yield from pool.map(lambda seed: program.render(cell, settings, iterations, seed), range(1, seeds + 1))
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def measure(program, cell, seeds, seconds, jobs):
     """What `seeds` pictures of a cell say, as arrays; variances are brought to exactly `seconds`."""
     settings, iterations, cost = program.calibrated(cell, seconds)
     mean, squares, shown, singles, blocks, took = 0, 0, 0, [], [], []
-    for seed in range(1, seeds + 1):
-        picture, used = program.render(cell, settings, iterations, seed)
+    for seed, (picture, used) in enumerate(renders(program, cell, settings, iterations, seeds, jobs), 1):
         took.append(used - cost.start)
         shown = picture if seed == 1 else shown + (picture - shown) / seed if seed <= SHOWN else shown
         light = luminance(picture)
@@ -170,7 +190,7 @@ def kept_or_measured(program, cell, work, options):
         told = json.loads(numbers.read_text())
         if told["of"] == mark:
             return told, dict(np.load(arrays))
-    told, there = measure(program, cell, options.seeds, options.seconds)
+    told, there = measure(program, cell, options.seeds, options.seconds, options.jobs)
     told |= {"of": mark, "name": cell.name}
     np.savez_compressed(arrays, **there)
     # Written last, in one step: what has numbers is whole.
@@ -213,8 +233,9 @@ def check(program, chosen):
     """Renders every cell small, and compares those without bias; returns what is wrong."""
     def pictures(cell):
         settings = cell.settings if cell.integrator == "path" else {**cell.settings, "photons": CHECK_PHOTONS}
+        seeds = range(1 if cell.biased else CHECK_SEEDS)
         try:
-            return np.stack([program.render(cell, settings, CHECK_ITERATIONS, seed)[0] for seed in range(CHECK_SEEDS)])
+            return np.stack([program.render(cell, settings, CHECK_ITERATIONS, seed)[0] for seed in seeds])
         except (NotThere, RuntimeError) as error:
             return error
 
@@ -234,19 +255,33 @@ def check(program, chosen):
     return wrong
 
 
+def whole_scenes(program, work, iterations):
+    """All light of each scene, by photon beams, from `work` where it is there."""
+    pictures = {}
+    for scene in sorted({transport.scene for transport in TRANSPORTS.values()}):
+        file = work / f"{scene}-{program.resolution}-{iterations}-{program.digest[:16]}.npy"
+        if not file.exists():
+            settings = {"media": "beams", "photons": 20_000}
+            np.save(file, program.run(scene, {}, "pppm", settings, iterations, 0)[0])
+        pictures[scene] = np.load(file)
+    return pictures
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--photonfarm", type=Path, default=ROOT / "target/release/photonfarm", help="the program, or its folder")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--seconds", type=float, default=2.0, help="processor time of each seed")
+    parser.add_argument("--jobs", type=int, default=1, help="processes at once, of one thread each")
     parser.add_argument("--resolution", type=int, default=128, help="pixels across and down, a multiple of four")
     parser.add_argument("--only", help="figures, by their numbers, as 3,5")
     parser.add_argument("--work", type=Path, default=ROOT / "target/media-figures", help="folder that keeps what is measured")
     parser.add_argument("--out", type=Path, default=ROOT / "docs/results/media")
     parser.add_argument("--check", action="store_true", help="small and quick: every cell runs, and those without bias agree")
     options = parser.parse_args()
-    if options.seeds < 2 or options.seconds <= 0 or options.resolution < 8 or options.resolution % 4:
-        parser.error("there have to be 2 seeds, some seconds, and a resolution of 8, 12, 16, ... pixels")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended; the same command goes on"))
+    if options.seeds < 2 or options.jobs < 1 or options.seconds <= 0 or options.resolution < 8 or options.resolution % 4:
+        parser.error("there have to be 2 seeds, a job, some seconds, and a resolution of 8, 12, 16, ... pixels")
     binary = options.photonfarm / "photonfarm" if options.photonfarm.is_dir() else options.photonfarm
     try:
         figures = {int(number): FIGURES[int(number)] for number in options.only.split(",")} if options.only else FIGURES
@@ -272,7 +307,8 @@ def main():
         print(f"{number}/{len(chosen)} {cell.name}: {said}", flush=True)
     add_errors(found)
     pairs, limit = disagreements(found)
-    write_report(options, figures, every, found, missing, CLAIMS, (pairs, limit))
+    whole = whole_scenes(program, options.work, max(4, round(16 * options.seconds)))
+    write_report(options, figures, every, found, missing, CLAIMS, (pairs, limit), whole)
     return None
 
 

@@ -42,29 +42,40 @@ def tile(picture, exposure, crop):
     return whole
 
 
-def sheet(path, entries):
-    """One PNG with a tile for each (cell, numbers, arrays), in the fewest bytes that look like it."""
-    exposures = {}
-    for cell, told, arrays in entries:
-        best = exposures.get(cell.transport)
-        if best is None or told["error"] < best[0]:
-            exposures[cell.transport] = (told["error"], max(np.percentile(arrays["mean"], 97), 1e-9))
-    rows = math.ceil(len(entries) / ACROSS)
+def sheet(path, tiles):
+    """One PNG of tiles, each a picture with two lines of text, with fewer colours the more bytes it would have."""
+    rows = math.ceil(len(tiles) / ACROSS)
     width, height = TILE + MARGIN, 2 * TILE + 2 * MARGIN + 2 * LINE
-    whole = Image.new("RGB", (width * min(ACROSS, len(entries)), height * rows), "white")
+    whole = Image.new("RGB", (width * min(ACROSS, len(tiles)), height * rows), "white")
     draw = ImageDraw.Draw(whole)
-    for index, (cell, _, arrays) in enumerate(entries):
+    for index, (first, second, image) in enumerate(tiles):
         x, y = index % ACROSS * width, index // ACROSS * height
-        draw.text((x, y), cell.transport, "black", font_size=10)
-        draw.text((x, y + LINE - 1), cell.label, "black", font_size=10)
-        crop = CROPS[TRANSPORTS[cell.transport].scene]
-        whole.paste(tile(arrays["shown"], exposures[cell.transport][1], crop), (x, y + 2 * LINE))
+        draw.text((x, y), first, "black", font_size=10)
+        draw.text((x, y + LINE - 1), second, "black", font_size=10)
+        whole.paste(image, (x, y + 2 * LINE))
     for colours in (256, 128, 64, 48, 32, 24, 16, 8):
         packed = io.BytesIO()
         whole.quantize(colours, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(packed, "PNG", optimize=True)
         if packed.tell() < BYTES:
             break
     path.write_bytes(packed.getvalue())
+
+
+def exposure_of(picture):
+    """What is shown as white."""
+    return max(float(np.percentile(picture, 97)), 1e-9)
+
+
+def cell_tiles(entries):
+    """Tiles of (cell, numbers, arrays); each light has the exposure of the one with the least error."""
+    exposures = {}
+    for cell, told, arrays in entries:
+        best = exposures.get(cell.transport)
+        if best is None or told["error"] < best[0]:
+            exposures[cell.transport] = (told["error"], exposure_of(arrays["mean"]))
+    for cell, _, arrays in entries:
+        crop = CROPS[TRANSPORTS[cell.transport].scene]
+        yield cell.transport, cell.label, tile(arrays["shown"], exposures[cell.transport][1], crop)
 
 
 def figure_lines(number, figure, every, found, missing):
@@ -105,13 +116,15 @@ def claim_lines(claims, found):
     yield ""
 
 
-def write_report(options, figures, every, found, missing, claims, agreement):
+def write_report(options, figures, every, found, missing, claims, agreement, whole):
     """Writes README.md and the sheets of the figures."""
     options.out.mkdir(parents=True, exist_ok=True)
     for number, figure in figures.items():
         there = [found[cell.name] for cell in figure.cells(every) if cell.name in found]
         if there:
-            sheet(options.out / f"figure-{number}.png", there)
+            sheet(options.out / f"figure-{number}.png", list(cell_tiles(there)))
+    scenes = [(scene, "all light", tile(picture, exposure_of(picture), CROPS[scene])) for scene, picture in whole.items()]
+    sheet(options.out / "scenes.png", scenes)
     pairs, limit = agreement
     beyond = [f"{name} ({z:.1f})" for name, z in pairs if z > limit]
     lines = [
@@ -127,6 +140,7 @@ def write_report(options, figures, every, found, missing, claims, agreement):
         "column. The error is variance, and for beams, which blur, squared bias as well, against the mean of the estimators without bias, weighted by their variances. The paper counts variance alone. "
         "Pictures are means of at most four seeds, with a part enlarged; one exposure for each light.\n",
         "Two things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone only where light is scattered twice. And all surfaces are short: they end where lengths end that are drawn at random.\n",
+        "![The scenes in all of their light, by photon beams, with a part enlarged](scenes.png)\n",
         "## What holds\n",
         *claim_lines(claims, found),
         f"Estimators without bias were compared with the first of their light in {len(pairs)} pairs, in 16 blocks of the picture: "
