@@ -118,6 +118,19 @@ def cells():
     return {cell.name: cell for cell in every}
 
 
+# What a check compares with path tracing: of each kind of light that where all kinds of surfaces have their share.
+COMPARED = (
+    "room: all",
+    "room: copies, turned planes",
+    "station: spheres, cones",
+    "knot: copies",
+    "room, twice: planes, cones, cylinders",
+    "room, thrice: planes, cones, cylinders",
+    "smoke: cones",
+    "room, by surfaces: spheres, cones",
+)
+
+
 @dataclass(frozen=True)
 class Figure:
     """A figure of the paper: which transports it shows, and of these some cells or all."""

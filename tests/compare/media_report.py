@@ -137,9 +137,9 @@ def write_report(options, figures, every, found, missing, claims, agreement, who
         "take so long in a run beforehand, and variances are brought to the time exactly. Estimators with light paths have as many that the time holds sixteen iterations, or 16 where that is more. Only the light along the paths "
         "named in the table counts ([LAYERS.md](../../LAYERS.md)), and only its time: that of a run with the layer less that of a run without.\n",
         "Variance is that of luminance, the mean over pixels. Its standard error (after ±) comes from the seeds, and is too small where variance sits in few pixels: that of the worst 0.1 % of them has its "
-        "column. The error is variance, and for beams, which blur, squared bias as well, against the mean of the estimators without bias, weighted by their variances. The paper counts variance alone. "
+        "column, and figure 3 shows it with and without shares. The error is variance, and for beams, which blur, squared bias as well, against the mean of the estimators without bias, weighted by their variances. The paper counts variance alone. "
         "Pictures are means of at most four seeds, with a part enlarged; one exposure for each light.\n",
-        "Two things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone only where light is scattered twice. And all surfaces are short: they end where lengths end that are drawn at random.\n",
+        "Two things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone only where light is scattered twice. And all surfaces are short: they end where lengths end that are drawn at random. Figure 6 has two sizes of the lamp at one power, and figure 8 is at equal time, not at equal numbers of light paths.\n",
         "![The scenes in all of their light, by photon beams, with a part enlarged](scenes.png)\n",
         "## What holds\n",
         *claim_lines(claims, found),
