@@ -270,7 +270,7 @@ def whole_scenes(program, work, iterations):
     for scene in sorted({transport.scene for transport in TRANSPORTS.values()}):
         file = work / f"{scene}-{program.resolution}-{iterations}-{program.digest[:16]}.npy"
         if not file.exists():
-            settings = {"media": "beams", "photons": 20_000}
+            settings = {"media": "beams", "photons": 4_000}
             np.save(file, program.run(scene, {}, "pppm", settings, iterations, 0)[0])
         pictures[scene] = np.load(file)
     return pictures

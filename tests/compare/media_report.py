@@ -12,7 +12,7 @@ BYTES = 200_000
 ACROSS = 4
 TILE, MARGIN, LINE = 128, 4, 12
 # The part of a tile that is shown enlarged, from its upper left corner, as shares of the width: across, down, and its side.
-CROPS = {"schoolroom": (0.1, 0.42, 0.25), "station": (0.45, 0.2, 0.25), "knot": (0.35, 0.35, 0.25), "smoke": (0.35, 0.4, 0.25)}
+CROPS = {"schoolroom": (0.2, 0.42, 0.25), "station": (0.45, 0.2, 0.25), "knot": (0.35, 0.35, 0.25), "smoke": (0.35, 0.4, 0.25)}
 
 
 def ratio(a, b):
@@ -50,8 +50,8 @@ def sheet(path, tiles):
     draw = ImageDraw.Draw(whole)
     for index, (first, second, image) in enumerate(tiles):
         x, y = index % ACROSS * width, index // ACROSS * height
-        draw.text((x, y), first, "black", font_size=10)
-        draw.text((x, y + LINE - 1), second, "black", font_size=10)
+        draw.text((x + 1, y), first, "black", font_size=10)
+        draw.text((x + 1, y + LINE - 1), second, "black", font_size=10)
         whole.paste(image, (x, y + 2 * LINE))
     for colours in (256, 128, 64, 48, 32, 24, 16, 8):
         packed = io.BytesIO()
@@ -139,7 +139,7 @@ def write_report(options, figures, every, found, missing, claims, agreement, who
         "Variance is that of luminance, the mean over pixels. Its standard error (after ±) comes from the seeds, and is too small where variance sits in few pixels: that of the worst 0.1 % of them has its "
         "column, and figure 3 shows it with and without shares. The error is variance, and for beams, which blur, squared bias as well, against the mean of the estimators without bias, weighted by their variances. The paper counts variance alone. "
         "Pictures are means of at most four seeds, with a part enlarged; one exposure for each light.\n",
-        "Two things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone only where light is scattered twice. And all surfaces are short: they end where lengths end that are drawn at random. Figure 6 has two sizes of the lamp at one power, and figure 8 is at equal time, not at equal numbers of light paths.\n",
+        "Some things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone only where light is scattered twice. And all surfaces are short: they end where lengths end that are drawn at random. Figure 6 has two sizes of the lamp at one power, and figure 8 is at equal time, not at equal numbers of light paths.\n",
         "![The scenes in all of their light, by photon beams, with a part enlarged](scenes.png)\n",
         "## What holds\n",
         *claim_lines(claims, found),
