@@ -11,6 +11,44 @@ from PIL import Image, ImageDraw
 BYTES = 200_000
 ACROSS = 4
 TILE, MARGIN, LINE = 128, 4, 12
+INTRODUCTION = """\
+# Photon surfaces, figures repeated
+
+Written by `{command}`. Figures are those of Deng, Jiao, Bitterli and Jarosz, "Photon surfaces for robust, unbiased volumetric density
+estimation" (2019), by their numbers there. The scenes are our own, in `tests/scenes/surfaces`: a schoolroom with a large window, a petrol station
+at night, a knot that shines, a cloud of smoke.
+
+Each cell renders {size} x {size} pixels with {seeds} seeds, each for {seconds:g} s of processor time on one thread: as many iterations as take so long
+in a run beforehand, and variances are brought to the time exactly. Estimators with light paths have as many that the time holds sixteen
+iterations, or 16 where that is more. Only the light along the paths named in the table counts ([LAYERS.md](../../LAYERS.md)), and only its time:
+that of a run with the layer less that of a run without.
+
+Variance is that of luminance, the mean over pixels. Its standard error (after ±) comes from the seeds, and is too small where variance sits in few
+pixels: that of the worst 0.1 % of them has its column, and figure 3 shows it with and without shares. The error is variance, and for
+beams, which blur, squared bias as well, against the mean of the estimators without bias, weighted by their variances. The paper counts
+variance alone. A claim holds, or does not, where the ratio is two standard errors from 1. Pictures are means of at most four seeds, with a part
+enlarged, at one exposure for each light.
+
+Some things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone
+only where light is scattered twice. All surfaces are short: they end where lengths end that are drawn at random. Figure 6 has two sizes of the lamp
+at one power, and figure 8 is at equal time, not at equal numbers of light paths.
+
+![The scenes in all of their light, by photon beams, with a part enlarged](scenes.png)
+"""
+COLUMNS = (
+    "light",
+    "estimator",
+    "light paths",
+    "iterations",
+    "time of an iteration over path tracing's",
+    "variance",
+    "squared bias",
+    "error over path tracing's",
+    "error over beams'",
+    "worst 0.1 % of pixels",
+)
+# With fewer seeds the page warns of them.
+MANY_SEEDS = 16
 # The part of a tile that is shown enlarged, from its upper left corner, as shares of the width: across, down, and its side.
 CROPS = {"schoolroom": (0.2, 0.42, 0.25), "station": (0.45, 0.2, 0.25), "knot": (0.35, 0.35, 0.25), "smoke": (0.35, 0.4, 0.25)}
 
@@ -84,18 +122,17 @@ def figure_lines(number, figure, every, found, missing):
     there = [found[cell.name] for cell in figure.cells(every) if cell.name in found]
     if there:
         yield f"![{figure.title}](figure-{number}.png)\n"
-    yield "| light | estimator | light paths | iterations | time of an iteration over path tracing's | variance | squared bias | error over path tracing's | error over beams' | worst 0.1 % of pixels |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    yield "| " + " | ".join(COLUMNS) + " |"
+    yield "| " + " | ".join("---" for _ in COLUMNS) + " |"
     for cell, told, _ in there:
         others = [found.get(f"{cell.transport}: {label}") for label in ("path", "beams")]
         path, beams = (other and other[1] for other in others)
         dear = f"{told['cost'] / path['cost']:.2g}" if path else "not measured"
         bias = f"{told['bias']:.2e}" if "bias" in told else "0"
-        paths = TRANSPORTS[cell.transport].paths
-        yield (
-            f"| {cell.transport}, `{paths}` | {cell.label} | {told['photons'] or ''} | {told['iterations']} | {dear} "
-            f"| {told['variance']:.2e} ± {told['variance_error']:.0e} | {bias} | {told_ratio(told, path)} | {told_ratio(told, beams)} | {100 * told['worst_share']:.1f} % |"
-        )
+        variance = f"{told['variance']:.2e} ± {told['variance_error']:.0e}"
+        row = [f"{cell.transport}, `{TRANSPORTS[cell.transport].paths}`", cell.label, told["photons"] or "", told["iterations"], dear]
+        row += [variance, bias, told_ratio(told, path), told_ratio(told, beams), f"{100 * told['worst_share']:.1f} %"]
+        yield "| " + " | ".join(map(str, row)) + " |"
     for cell in figure.cells(every):
         if cell.name in missing:
             yield f"| {cell.transport} | {cell.label} | | | | not measured: {missing[cell.name]} | | | | |"
@@ -127,25 +164,14 @@ def write_report(options, figures, every, found, missing, claims, agreement, who
     sheet(options.out / "scenes.png", scenes)
     pairs, limit = agreement
     beyond = [f"{name} ({z:.1f})" for name, z in pairs if z > limit]
-    lines = [
-        "# Photon surfaces, figures repeated\n",
-        f"Written by `tests/compare/media --seeds {options.seeds} --seconds {options.seconds:g}`"
-        + (f" with `--only {options.only}`" if options.only else "")
-        + ". Figures are those of Deng, Jiao, Bitterli and Jarosz, \"Photon surfaces for robust, unbiased volumetric density estimation\" (2019), by their numbers there; "
-        "the scenes are our own, in `tests/scenes/surfaces`: a schoolroom with a large window, a petrol station at night, a knot that shines, a cloud of smoke.\n",
-        f"Each cell renders {options.resolution} x {options.resolution} pixels with {options.seeds} seeds, each for {options.seconds:g} s of processor time on one thread: as many iterations as "
-        "take so long in a run beforehand, and variances are brought to the time exactly. Estimators with light paths have as many that the time holds sixteen iterations, or 16 where that is more. Only the light along the paths "
-        "named in the table counts ([LAYERS.md](../../LAYERS.md)), and only its time: that of a run with the layer less that of a run without.\n",
-        "Variance is that of luminance, the mean over pixels. Its standard error (after ±) comes from the seeds, and is too small where variance sits in few pixels: that of the worst 0.1 % of them has its "
-        "column, and figure 3 shows it with and without shares. The error is variance, and for beams, which blur, squared bias as well, against the mean of the estimators without bias, weighted by their variances. The paper counts variance alone. "
-        "Pictures are means of at most four seeds, with a part enlarged; one exposure for each light.\n",
-        "Some things are otherwise than in the paper. The planes of two lengths are one setting, so that the planes of earlier work stand alone only where light is scattered twice. And all surfaces are short: they end where lengths end that are drawn at random. Figure 6 has two sizes of the lamp at one power, and figure 8 is at equal time, not at equal numbers of light paths.\n",
-        "![The scenes in all of their light, by photon beams, with a part enlarged](scenes.png)\n",
-        "## What holds\n",
-        *claim_lines(claims, found),
-        f"Estimators without bias were compared with the first of their light in {len(pairs)} pairs, in 16 blocks of the picture: "
-        + (f"these differ by more than the limit of |z| {limit:.1f}: {', '.join(beyond)}.\n" if beyond else f"none differs by more than the limit, |z| {limit:.1f}.\n"),
-    ]
+    command = f"tests/compare/media --seeds {options.seeds} --seconds {options.seconds:g}"
+    command += f" --only {options.only}" if options.only else ""
+    lines = [INTRODUCTION.format(command=command, size=options.resolution, seeds=options.seeds, seconds=options.seconds)]
+    lines += ["## What holds\n", *claim_lines(claims, found)]
+    said = f"these differ by more than the limit of |z| {limit:.1f}: {', '.join(beyond)}." if beyond else f"none differs by more than the limit, |z| {limit:.1f}."
+    lines.append(f"Estimators without bias were compared with the first of their light in {len(pairs)} pairs, in 16 blocks of the picture: {said}\n")
+    if options.seeds < MANY_SEEDS:
+        lines.append("These are few seeds: noise that is skewed passes that limit, too, and errors of variances are rough.\n")
     for number, figure in figures.items():
         lines += figure_lines(number, figure, every, found, missing)
     (options.out / "README.md").write_text("\n".join(lines).rstrip() + "\n")
