@@ -173,7 +173,7 @@ FIGURES = {
 CLAIMS = [
     ("figure 3", "Generalised planes: shares by the balance heuristic have less variance than an average", "room, thrice: planes", "room, thrice: planes, average"),
     ("figure 3", "Continuous planes of a lamp: the same", "room: copies, turned planes", "room: copies, turned planes, average"),
-    ("figure 5", "Copies and planes of the lamp have less variance than beams in a room with a large window", "room: copies, light planes", "room: beams"),
+    ("figure 5", "Copies and planes of the lamp have less error than beams in a room with a large window", "room: copies, light planes", "room: beams"),
     ("figure 5", "and than path tracing", "room: copies, light planes", "room: path"),
     ("figure 5", "Spheres alone have more variance than when combined", "room: all", "room: spheres"),
     ("figure 5", "Cones alone likewise", "room: all", "room: cones"),
