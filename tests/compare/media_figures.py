@@ -36,8 +36,8 @@ FALSE_ALARMS = 1e-4
 # How the program says that it does not know a word of a list.
 UNKNOWN = "expected a list of one or more of"
 # Of a check: pixels across and down, light paths, iterations, seeds, and how often noise alone fails it. It finds most factors of two.
-CHECK_SIZE, CHECK_PHOTONS, CHECK_ITERATIONS, CHECK_SEEDS = 16, 64, 16, 6
-CHECK_FALSE_ALARMS = 2e-2
+CHECK_SIZE, CHECK_PHOTONS, CHECK_ITERATIONS, CHECK_SEEDS = 16, 64, 12, 5
+CHECK_FALSE_ALARMS = 3e-2
 
 
 class NotThere(Exception):
