@@ -1,5 +1,7 @@
 //! Media against closed forms, and integrators against each other in them.
 
+mod bodies;
+
 use crate::integrator::{IntegratorSettings, Unobserved, render_iteration};
 use crate::random::Sampling;
 use crate::scene::{Limits, Scene};

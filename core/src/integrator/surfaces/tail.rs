@@ -5,8 +5,8 @@ use crate::density::count_edges;
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::{EmissionSample, Lights, Origin};
 use crate::math::{Frame, TAU, Vec2, Vec3, safe_sqrt, sin_cos};
-use crate::medium::{Medium, MediumId, Phase};
-use crate::path::{ANY, AT_LIGHT, Event, States, Tracer, Vertex, Walk, Way};
+use crate::medium::{Medium, MediumId, Space};
+use crate::path::{ANY, AT_LIGHT, Event, Piece, States, Tracer, Vertex, Walk, Way};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -41,8 +41,8 @@ pub(super) struct Tail<'s> {
     pub(super) start: Vec3,
     /// What arrives at the start, or goes along the first segment there \[W\].
     pub(super) flux: Spectrum,
-    /// The medium of the first segment. It is that of an edge on its whole piece.
-    medium: Option<MediumId>,
+    /// What the first segment begins in. It is that of an edge on its whole piece.
+    space: Space,
     pub(super) rates: Rates,
     /// Unit vectors.
     pub(super) directions: [Vec3; 3],
@@ -81,12 +81,12 @@ impl<'s> Tail<'s> {
             Origin::Point(_) => (start.ray.origin, Vec3::Z),
             _ => return None,
         };
-        let medium = scene.medium_of_light(start);
+        let space = scene.space_of_light(start);
         let stem = Stem::Light(Box::new(*start));
         Some(Self::free(
             scene,
             stem,
-            [medium, medium],
+            [space, space],
             (at, axis),
             Spectrum::ONE,
             (1, states),
@@ -102,25 +102,33 @@ impl<'s> Tail<'s> {
         random: &mut PathRandom,
     ) -> Self {
         let axis = point.geometric_normal;
-        let media = [axis, -axis].map(|direction| vertex.medium_towards(direction));
+        let spaces = [axis, -axis].map(|direction| vertex.space_towards(direction));
         let counted = (vertex.counted_edges + 1, vertex.states.smooth);
         let stem = Stem::Surface(Box::new(vertex.clone()));
-        Self::free(scene, stem, media, (point.position, axis), vertex.beta, counted, random)
+        Self::free(
+            scene,
+            stem,
+            spaces,
+            (point.position, axis),
+            vertex.beta,
+            counted,
+            random,
+        )
     }
 
     /// A tail of one segment into any direction.
     fn free(
         scene: &Scene,
         stem: Stem<'s>,
-        media: [Option<MediumId>; 2],
+        spaces: [Space; 2],
         (start, axis): (Vec3, Vec3),
         flux: Spectrum,
         (edges, states): (u32, States),
         random: &mut PathRandom,
     ) -> Self {
-        let rates = media
+        let rates = spaces
             .into_iter()
-            .find_map(|medium| Rates::of(scene.medium(medium)?.1))
+            .find_map(|space| Rates::of(scene.medium(space)?.1))
             .unwrap_or_else(|| {
                 let (lower, upper) = scene.geometry.bounds();
                 Rates::single(1.0 / (upper - lower).length().max(f32::MIN_POSITIVE))
@@ -134,7 +142,7 @@ impl<'s> Tail<'s> {
             kind: Kind::One,
             start,
             flux,
-            medium: media[0],
+            space: spaces[0],
             rates,
             directions: [direction, axis, axis],
             lengths: [rates.sample(random), 0.0, 0.0],
@@ -180,25 +188,25 @@ impl<'s> Tail<'s> {
         }
     }
 
-    /// What comes through along the first segment, which leads along `direction`, and the medium at its end; `None` where something is in the way.
+    /// What comes through along the first segment, which leads along `direction`, and what its end lies in; `None` where something is in the way.
     pub(super) fn through_first(
         &self,
         direction: Vec3,
         length: f32,
         tracer: &mut Tracer,
         random: &mut PathRandom,
-    ) -> Option<(Spectrum, Option<MediumId>)> {
+    ) -> Option<(Spectrum, Space)> {
         let scene = tracer.scene;
         match &self.stem {
             // The piece of an edge lies in one medium, and nothing is in the way.
             Stem::Edge => {
-                let (id, medium) = self.medium(scene)?;
+                let (_, medium) = self.medium(scene)?;
                 let ray = Ray {
                     origin: self.start,
                     direction,
                     max_distance: length,
                 };
-                Some((medium.transmittance(&ray, length, random), Some(id)))
+                Some((medium.transmittance(&ray, length, random), self.space))
             }
             Stem::Surface(vertex) => tracer.follow(&vertex.way_to(direction, length), random),
             Stem::Light(start) => {
@@ -206,15 +214,15 @@ impl<'s> Tail<'s> {
                     Origin::Area(_, point) => point.ray_towards(direction),
                     _ => Ray { direction, ..start.ray },
                 };
-                let medium = scene.medium_of_light(&EmissionSample { ray, ..**start });
-                tracer.follow(&Way { ray, length, medium }.up_to(length), random)
+                let space = scene.space_of_light(&EmissionSample { ray, ..**start });
+                tracer.follow(&Way { ray, length, space }.up_to(length), random)
             }
         }
     }
 
     /// The medium of the first segment of an edge.
     pub(super) fn medium<'m>(&self, scene: &'m Scene) -> Option<(MediumId, &'m Medium)> {
-        scene.medium(self.medium)
+        scene.medium(self.space)
     }
 }
 
@@ -229,10 +237,10 @@ pub(super) fn add_along<'s>(
     let scene = tracer.scene;
     let mut flux = walk.carried.beta();
     let counted = (walk.counted_with_next(), walk.states);
-    tracer.for_each_piece(walk.way(), |id, medium, ray| {
+    tracer.for_each_piece(walk.way(), |inside, ray| {
+        let medium = inside.medium;
         if let Some(rates) = Rates::of(medium) {
-            let phase = &medium.phase;
-            let piece = Piece { id, phase, rates, ray };
+            let piece = Part { inside, rates, ray };
             tails.push(piece.tail(scene, Kind::Three, flux, counted, random));
             if !from_medium {
                 tails.push(piece.tail(scene, Kind::Two, flux, counted, random));
@@ -244,14 +252,13 @@ pub(super) fn add_along<'s>(
 }
 
 /// A piece of a light path's edge in a medium.
-struct Piece<'p> {
-    id: MediumId,
-    phase: &'p Phase,
+struct Part<'p> {
+    inside: Piece<'p>,
     rates: Rates,
     ray: &'p Ray,
 }
 
-impl Piece<'_> {
+impl Part<'_> {
     fn tail<'s>(
         &self,
         scene: &Scene,
@@ -264,7 +271,11 @@ impl Piece<'_> {
         let mut directions = [self.ray.direction; 3];
         for segment in (0..first).rev() {
             let choice = random.next_1d();
-            directions[segment] = self.phase.sample(-directions[segment + 1], choice, random.next_2d());
+            directions[segment] = self
+                .inside
+                .medium
+                .phase
+                .sample(-directions[segment + 1], choice, random.next_2d());
         }
         let lengths = std::array::from_fn(|_| self.rates.sample(random));
         let states = match &scene.paths {
@@ -276,7 +287,7 @@ impl Piece<'_> {
             kind,
             start: self.ray.origin,
             flux,
-            medium: Some(self.id),
+            space: self.inside.space,
             rates: self.rates,
             directions,
             lengths,
