@@ -111,7 +111,7 @@ impl Tracer<'_> {
                 max_distance: light.distance,
             },
             length: light.distance,
-            medium: self.scene.media.as_ref().and_then(|media| media.camera),
+            space: self.scene.space_of_camera(),
         };
         self.transmittance(&way, random).share * light.radiance * (cos * FRAC_1_PI / light.pdf)
     }

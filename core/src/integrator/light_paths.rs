@@ -3,6 +3,7 @@
 use super::{Counts, Observer, RenderError};
 use crate::geometry::Ray;
 use crate::light::{EmissionSample, Origin};
+use crate::medium::Space;
 use crate::path::{Met, Scattered, Tracer, Vertex, Walk, Way};
 use crate::random::{PathRandom, Sequence};
 use crate::scene::Scene;
@@ -64,7 +65,7 @@ fn before(scene: &Scene, start: &EmissionSample) -> Option<Way> {
     Some(Way {
         ray,
         length: f32::INFINITY,
-        medium: around,
+        space: Space::filled(around),
     })
 }
 

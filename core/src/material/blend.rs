@@ -85,6 +85,13 @@ impl Blend {
         self.parts.last().map(|part| (part, ONE_MINUS_EPSILON))
     }
 
+    /// As [`Bsdf::immerse`].
+    pub(super) fn immerse(&mut self, index: f32) {
+        for part in &mut self.parts {
+            part.bsdf.immerse(index);
+        }
+    }
+
     /// As [`Bsdf::each_lobe`].
     pub(super) fn each_lobe(&self, visit: &mut dyn FnMut(&Lobe)) {
         for part in &self.parts {

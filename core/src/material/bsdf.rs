@@ -23,6 +23,9 @@ pub struct Bsdf {
     side: f32,
 }
 
+/// Indices that differ by less are the same.
+pub(super) const LEAST_STEP: f32 = 1e-3;
+
 #[derive(Clone, Debug)]
 enum Parts {
     One(Lobe),
@@ -240,6 +243,17 @@ impl Bsdf {
         }
     }
 
+    /// The BSDF of a surface that lets light in and stands in what has `index` times the index of refraction of empty space, where the one before stood.
+    pub(crate) fn immerse(&mut self, index: f32) {
+        match &mut self.parts {
+            Parts::One(lobe) => lobe.immerse(index),
+            Parts::Blend(blend) => blend.immerse(index),
+            Parts::Perturbed(perturbed) => perturbed.immerse(index),
+            // Coats lie on what lets no light in.
+            Parts::Two(..) | Parts::Coated(_) => {}
+        }
+    }
+
     /// The direction as the lobes see it, and back.
     fn turn(&self, w: Vec3) -> Vec3 {
         Vec3::new(w.x, w.y, self.side * w.z)
@@ -399,6 +413,25 @@ fn sample_of_two(first: &Lobe, second: &Second, wo: Vec3, u: f32, v: Vec2, mode:
 }
 
 impl Lobe {
+    /// As [`Bsdf::immerse`].
+    fn immerse(&mut self, index: f32) {
+        match self {
+            Self::Dielectric { eta, .. } => *eta /= index,
+            Self::RoughDielectric { eta, tints, .. } => {
+                *eta /= index;
+                // Without a step of the index a rough boundary bends nothing.
+                if (*eta - 1.0).abs() < LEAST_STEP {
+                    *self = Self::Dielectric {
+                        eta: 1.0,
+                        tints: *tints,
+                    };
+                }
+            }
+            Self::Principled(body) => body.immerse(index),
+            _ => {}
+        }
+    }
+
     /// As [`Bsdf::f`].
     pub(super) fn f(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Spectrum {
         match self {

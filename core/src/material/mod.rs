@@ -37,6 +37,7 @@ mod tests;
 mod transmitter;
 mod ward;
 
+use bsdf::LEAST_STEP;
 pub use bsdf::{Bsdf, BsdfSample, Lobe, Tints};
 pub use coat::Coat;
 pub use glossy::{Glossy, GlossyLobe, Highlight, WardModel};

@@ -153,6 +153,11 @@ impl Perturbed {
         })
     }
 
+    /// As [`Bsdf::immerse`].
+    pub(super) fn immerse(&mut self, index: f32) {
+        self.nested.immerse(index);
+    }
+
     /// As [`Bsdf::each_lobe`].
     pub(super) fn each_lobe(&self, visit: &mut dyn FnMut(&Lobe)) {
         self.nested.each_lobe(&mut |lobe| visit(lobe));

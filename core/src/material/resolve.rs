@@ -160,6 +160,19 @@ impl Material {
         }
     }
 
+    /// The index of refraction of the inside over that of the outside, where the surface refracts light into it.
+    #[must_use]
+    pub fn index(&self) -> Option<f32> {
+        match self {
+            Self::Dielectric { eta, .. } | Self::RoughDielectric { eta, .. } => Some(*eta),
+            Self::Principled(body) => body.transmits.then_some(body.eta),
+            Self::Mask { nested, .. } | Self::NormalMap { nested, .. } | Self::BumpMap { nested, .. } => nested.index(),
+            Self::Blend { nested, .. } => nested.iter().find_map(Self::index),
+            Self::Mixture(parts) => parts.iter().find_map(|(_, nested)| nested.index()),
+            _ => None,
+        }
+    }
+
     /// Whether the material is black seen from the inner side.
     #[must_use]
     pub fn is_one_sided(&self) -> bool {

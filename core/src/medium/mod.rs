@@ -1,7 +1,7 @@
 //! Participating media: what fills the space between surfaces, absorbs light, scatters it and glows.
 //!
-//! A [`Medium`] is extinction, albedo, emission and a [`Phase`]. A surface says what lies on its two sides ([`Boundary`]); a path keeps in
-//! mind the medium that it is in. [`Medium::fly`] takes a path on to where it is scattered, or to the end of its way: in a
+//! A [`Medium`] is extinction, albedo, emission and a [`Phase`]. A surface says what lies on its two sides ([`Boundary`]), or bounds a [`Body`], which may
+//! overlap others; a path keeps in mind what it is in ([`Space`]). [`Medium::fly`] takes a path on to where it is scattered, or to the end of its way: in a
 //! medium that is the same everywhere by the closed form, and in one that varies by delta tracking through bounds of its bricks
 //! (Woodcock et al. 1965; Galtier et al. 2013). [`Medium::transmittance`] is the share of light that comes through, by the closed form or by ratio
 //! tracking (Novak, Selle and Jarosz 2014).
@@ -10,6 +10,7 @@
 //! chooses it, and every path counts with the mean of the densities that all channels would have given it (Wilkie et al.
 //! 2014; Miller, Georgiev and Jarosz 2019). [`Carried`] holds these densities.
 
+mod bodies;
 mod carried;
 mod crossing;
 mod field;
@@ -18,6 +19,8 @@ mod phase;
 mod space;
 mod volume;
 
+pub use bodies::{Body, BodyId, Space};
+pub(crate) use bodies::{MOST_BODIES, Sides};
 pub(crate) use carried::Carried;
 pub(crate) use crossing::{Passage, Steps};
 pub use field::Field;
@@ -50,12 +53,14 @@ pub struct Media {
     pub media: Vec<Medium>,
     /// Whether all of them are the same in all channels that choose the lengths of paths.
     pub grey: bool,
+    /// Bodies, those before others that hold where both lie.
+    pub bodies: Vec<Body>,
     /// What the camera is in.
-    pub camera: Option<MediumId>,
+    pub camera: Space,
     /// What fills all space around the scene.
     pub around: Option<MediumId>,
     /// What each light is in, by [`crate::light::LightId`], where it does not lie on a boundary or at infinity.
-    pub lights: Vec<Option<MediumId>>,
+    pub lights: Vec<Space>,
 }
 
 /// A medium, as validated data.
@@ -90,17 +95,6 @@ pub(crate) struct Flight {
 }
 
 impl Boundary {
-    /// Empty space on both sides.
-    pub(crate) const NOTHING: Self = Self::within(None);
-
-    /// One medium on both sides.
-    pub(crate) const fn within(medium: Option<MediumId>) -> Self {
-        Self {
-            interior: medium,
-            exterior: medium,
-        }
-    }
-
     /// What lies on the side to which `direction` leads from the surface of this normal.
     pub(crate) fn towards(self, direction: Vec3, normal: Vec3) -> Option<MediumId> {
         match direction.dot(normal) > 0.0 {

@@ -1,5 +1,6 @@
 //! Media against closed forms, and integrators against each other in them.
 
+mod bodies;
 mod slab;
 
 use crate::integrator::{IntegratorSettings, Unobserved, render_iteration};

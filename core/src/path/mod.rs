@@ -12,6 +12,6 @@ mod walk;
 pub use expression::ExpressionError;
 pub(crate) use expression::{ANY, AT_LIGHT, Event, PathExpression, States};
 pub(crate) use mis::{Edges, Partial, power_heuristic};
-pub(crate) use tracer::{Passed, Tracer};
+pub(crate) use tracer::{Passed, Piece, Tracer};
 pub(crate) use vertex::{Scattered, Towards, Vertex, Way};
 pub(crate) use walk::{Crossed, Met, Walk};

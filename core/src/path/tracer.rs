@@ -4,7 +4,7 @@ use super::{Vertex, Way};
 use crate::geometry::{Ray, SurfacePoint};
 use crate::light::LightSample;
 use crate::math::DVec2;
-use crate::medium::{Medium, MediumId};
+use crate::medium::{Medium, MediumId, Space};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -27,6 +27,14 @@ impl Passed {
         share: Spectrum::ZERO,
         expected: 0.0,
     };
+}
+
+/// What a piece of a way lies in.
+#[derive(Clone, Copy)]
+pub(crate) struct Piece<'a> {
+    pub(crate) id: MediumId,
+    pub(crate) medium: &'a Medium,
+    pub(crate) space: Space,
 }
 
 /// Rays into the scene, counted.
@@ -52,17 +60,26 @@ impl<'a> Tracer<'a> {
         self.intersect_behind(ray, |point| scene.hide_emitters && scene.light_at(point).is_some())
     }
 
-    /// The nearest surface along a ray of the camera that people would call one: what does nothing but bound a medium is none.
+    /// The nearest surface along a ray of the camera that people would call one: what does nothing but bound a medium is none, nor what a
+    /// body covers.
     pub(crate) fn first_seen(&mut self, ray: &Ray) -> Option<SurfacePoint> {
-        let scene = self.scene;
+        let (scene, mut space, direction) = (self.scene, self.scene.space_of_camera(), ray.direction);
         self.intersect_behind(ray, |point| {
-            scene.is_passed(point) || scene.hide_emitters && scene.light_at(point).is_some()
+            let passed = scene.is_passed(point, space, direction);
+            space = scene
+                .sides(point, space, direction)
+                .towards(direction, point.geometric_normal);
+            passed || scene.hide_emitters && scene.light_at(point).is_some()
         })
     }
 
     /// The nearest surface behind those that `is_skipped`.
     #[inline]
-    fn intersect_behind(&mut self, ray: &Ray, is_skipped: impl Fn(&SurfacePoint) -> bool) -> Option<SurfacePoint> {
+    fn intersect_behind(
+        &mut self,
+        ray: &Ray,
+        mut is_skipped: impl FnMut(&SurfacePoint) -> bool,
+    ) -> Option<SurfacePoint> {
         let mut point = self.intersect(ray)?;
         let mut before = 0.0;
         while is_skipped(&point) {
@@ -103,15 +120,15 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// An estimate of the share of light that comes through media along a way, and the medium at its end; `None` where something is in the way.
-    pub(crate) fn follow(&mut self, way: &Way, random: &mut PathRandom) -> Option<(Spectrum, Option<MediumId>)> {
-        let (passed, medium) = self.pass(way, false, random);
-        (!passed.share.is_black()).then_some((passed.share, medium))
+    /// An estimate of the share of light that comes through media along a way, and what its end lies in; `None` where something is in the way.
+    pub(crate) fn follow(&mut self, way: &Way, random: &mut PathRandom) -> Option<(Spectrum, Space)> {
+        let (passed, space) = self.pass(way, false, random);
+        (!passed.share.is_black()).then_some((passed.share, space))
     }
 
-    /// What comes through media along a way, and through their bounds, and the medium at its end; also through the shapes of lights where these
+    /// What comes through media along a way, and through their bounds, and what its end lies in; also through the shapes of lights where these
     /// are hidden.
-    fn pass(&mut self, way: &Way, hide_emitters: bool, random: &mut PathRandom) -> (Passed, Option<MediumId>) {
+    fn pass(&mut self, way: &Way, hide_emitters: bool, random: &mut PathRandom) -> (Passed, Space) {
         let mut way = *way;
         let mut passed = Passed::ALL;
         loop {
@@ -119,20 +136,20 @@ impl<'a> Tracer<'a> {
             let end = hit.as_ref().map_or(way.length, |point| point.distance);
             let opaque = hit.as_ref().filter(|point| {
                 let hidden = hide_emitters && self.scene.light_at(point).is_some();
-                !hidden && !self.scene.is_passed(point)
+                !hidden && !self.scene.is_passed(point, way.space, way.ray.direction)
             });
             if opaque.is_some() {
-                return (Passed::NOTHING, way.medium);
+                return (Passed::NOTHING, way.space);
             }
-            if let Some((_, inside)) = self.scene.medium(way.medium) {
+            if let Some((_, inside)) = self.scene.medium(way.space) {
                 passed.share *= inside.transmittance(&way.ray, end, random);
                 passed.expected *= inside.expected_transmittance(end);
                 if passed.share.is_black() {
-                    return (Passed::NOTHING, way.medium);
+                    return (Passed::NOTHING, way.space);
                 }
             }
             let Some(point) = hit else {
-                return (passed, way.medium);
+                return (passed, way.space);
             };
             way = way.behind(self.scene, &point);
         }
@@ -140,21 +157,26 @@ impl<'a> Tracer<'a> {
 
     /// Calls `visit` with the pieces of a way that lie in media, one after the other and through their bounds, up to the first surface that hides
     /// what is behind it, or until it says no. A piece is a ray up to its end.
-    pub(crate) fn for_each_piece(&mut self, way: Way, mut visit: impl FnMut(MediumId, &'a Medium, &Ray) -> bool) {
+    pub(crate) fn for_each_piece(&mut self, way: Way, mut visit: impl FnMut(Piece<'a>, &Ray) -> bool) {
         let mut way = way;
         loop {
             let hit = self.intersect(&way.ray);
-            if let Some((id, medium)) = self.scene.medium(way.medium) {
+            if let Some((id, medium)) = self.scene.medium(way.space) {
                 let max_distance = hit.as_ref().map_or(way.ray.max_distance, |point| point.distance);
                 let piece = Ray {
                     max_distance,
                     ..way.ray
                 };
-                if !visit(id, medium, &piece) {
+                let inside = Piece {
+                    id,
+                    medium,
+                    space: way.space,
+                };
+                if !visit(inside, &piece) {
                     return;
                 }
             }
-            let Some(point) = hit.filter(|point| self.scene.is_passed(point)) else {
+            let Some(point) = hit.filter(|point| self.scene.is_passed(point, way.space, way.ray.direction)) else {
                 return;
             };
             way = way.behind(self.scene, &point);

@@ -6,7 +6,7 @@ use crate::geometry::{Ray, SHADOW_GAP, SurfacePoint};
 use crate::integrator::GLOSSY_ROUGHNESS;
 use crate::material::{Bsdf, BsdfSample, Tangents, TransportMode};
 use crate::math::Vec3;
-use crate::medium::{Boundary, MediumId, Phase};
+use crate::medium::{Phase, Sides, Space};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -28,8 +28,8 @@ pub(crate) struct Vertex<'s> {
     pub(crate) wo: Vec3,
     mode: TransportMode,
     pub(crate) states: VertexStates,
-    /// What lies on the two sides of the surface, or the one medium on both.
-    media: Boundary,
+    /// What lies on the two sides of the surface, or the same on both in a medium.
+    sides: Sides,
 }
 
 /// Where a vertex lies, and what scatters there.
@@ -55,8 +55,8 @@ pub(crate) struct Way {
     pub(crate) ray: Ray,
     /// To the end \[scene units\].
     pub(crate) length: f32,
-    /// The medium that the way begins in.
-    pub(crate) medium: Option<MediumId>,
+    /// What the way begins in.
+    pub(crate) space: Space,
 }
 
 /// Where a subpath is among the words of a scene's [`PathExpression`], at a vertex: all sets hold every state where all paths count.
@@ -101,8 +101,8 @@ impl Way {
                 ..point.ray_towards(direction)
             },
             length: self.length - point.distance,
-            medium: scene
-                .media_about(point, self.medium)
+            space: scene
+                .sides(point, self.space, direction)
                 .towards(direction, point.geometric_normal),
         }
     }
@@ -155,12 +155,12 @@ impl<'s> Vertex<'s> {
             wo,
             mode,
             states: VertexStates::ANY,
-            media: Boundary::NOTHING,
+            sides: Sides::NOTHING,
         }
     }
 
-    /// As [`Self::new`], in the medium `id`, which scatters by `phase`.
-    pub(super) fn in_medium(position: Vec3, id: MediumId, phase: &'s Phase, wo: Vec3, mode: TransportMode) -> Self {
+    /// As [`Self::new`], in a space whose medium scatters by `phase`.
+    pub(super) fn in_medium(position: Vec3, space: Space, phase: &'s Phase, wo: Vec3, mode: TransportMode) -> Self {
         Self {
             site: Site::Medium { position, phase },
             beta: Spectrum::ONE,
@@ -169,13 +169,18 @@ impl<'s> Vertex<'s> {
             wo,
             mode,
             states: VertexStates::ANY,
-            media: Boundary::within(Some(id)),
+            sides: Sides::within(space),
         }
     }
 
-    /// Says what lies on the sides of the vertex's surface.
-    pub(super) fn between(&mut self, media: Boundary) {
-        self.media = media;
+    /// Says what lies on the sides of the vertex's surface, and the index of refraction of what a body's surface stands in.
+    pub(super) fn stand(&mut self, sides: Sides, index: f32) {
+        self.sides = sides;
+        if index != 1.0
+            && let Site::Surface { bsdf, .. } = &mut self.site
+        {
+            bsdf.immerse(index);
+        }
     }
 
     /// The point of the surface that the vertex lies on; `None` in a medium.
@@ -194,11 +199,11 @@ impl<'s> Vertex<'s> {
         }
     }
 
-    /// The medium into which `direction` leads.
-    pub(crate) fn medium_towards(&self, direction: Vec3) -> Option<MediumId> {
+    /// Into what `direction` leads.
+    pub(crate) fn space_towards(&self, direction: Vec3) -> Space {
         match &self.site {
-            Site::Surface { point, .. } => self.media.towards(direction, point.geometric_normal),
-            Site::Medium { .. } => self.media.exterior,
+            Site::Surface { point, .. } => self.sides.towards(direction, point.geometric_normal),
+            Site::Medium { .. } => self.sides.towards(direction, direction),
         }
     }
 
@@ -219,7 +224,7 @@ impl<'s> Vertex<'s> {
         let way = |ray| Way {
             ray,
             length,
-            medium: self.medium_towards(direction),
+            space: self.space_towards(direction),
         };
         match &self.site {
             Site::Surface { point, .. } => way(point.shadow_ray(direction, length)),

@@ -10,7 +10,7 @@ use crate::geometry::{Ray, SurfacePoint};
 use crate::light::EmissionSample;
 use crate::material::TransportMode;
 use crate::math::{Vec3, sqr};
-use crate::medium::{Carried, MediumId};
+use crate::medium::{Carried, Space};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::{CHANNELS, Spectrum};
@@ -47,7 +47,7 @@ pub(crate) struct Walk {
     /// Index of refraction at the end over that at the start.
     eta: f32,
     /// What the ray goes through.
-    medium: Option<MediumId>,
+    space: Space,
     /// The channel that chooses where media scatter the subpath.
     hero: usize,
     /// Where media do not scatter the subpath, what it has crossed of them.
@@ -93,7 +93,7 @@ impl Walk {
     #[inline]
     pub(crate) fn from_camera(scene: &Scene, ray: Ray, random: &mut PathRandom) -> Self {
         Self {
-            medium: scene.media.as_ref().and_then(|media| media.camera),
+            space: scene.space_of_camera(),
             ..Self::new(scene, ray, Spectrum::ONE, TransportMode::Radiance, random)
         }
     }
@@ -102,7 +102,7 @@ impl Walk {
     #[inline]
     pub(crate) fn from_light(scene: &Scene, start: &EmissionSample, random: &mut PathRandom) -> Self {
         Self {
-            medium: scene.medium_of_light(start),
+            space: scene.space_of_light(start),
             ..Self::new(scene, start.ray, start.flux, TransportMode::Flux, random)
         }
     }
@@ -124,7 +124,7 @@ impl Walk {
                 TransportMode::Flux => scene.paths.as_ref().map_or(ANY, |_| AT_LIGHT),
             },
             eta: 1.0,
-            medium: None,
+            space: Space::EMPTY,
             in_media: scene.media.is_some(),
             hero: match &scene.media {
                 Some(media) if !media.grey => (random.next_1d() * CHANNELS as f32) as usize,
@@ -149,14 +149,18 @@ impl Walk {
         self.fly(tracer.scene, point, random)
     }
 
-    /// Goes on with the same edge through a surface that bounds a medium and does nothing else; `None` where the surface is another.
+    /// Goes on with the same edge through a surface that bounds a medium and does nothing else, or that a body covers; `None` where the
+    /// surface is another.
     #[inline]
     pub(crate) fn pass(&mut self, tracer: &mut Tracer, met: &Met, random: &mut PathRandom) -> Option<Met> {
         tracer.scene.media.as_ref()?;
-        let point = met.surface().filter(|point| tracer.scene.is_passed(point))?;
+        let direction = self.ray.direction;
+        let point = met
+            .surface()
+            .filter(|point| tracer.scene.is_passed(point, self.space, direction))?;
         self.passed += point.distance;
         let behind = self.way().behind(tracer.scene, point);
-        (self.ray, self.medium) = (behind.ray, behind.medium);
+        (self.ray, self.space) = (behind.ray, behind.space);
         let behind = self.intersect(tracer);
         Some(self.fly(tracer.scene, behind, random))
     }
@@ -184,7 +188,7 @@ impl Walk {
     /// Goes through the medium before `point`, or before nothing.
     fn fly(&mut self, scene: &Scene, point: Option<SurfacePoint>, random: &mut PathRandom) -> Met {
         let end = point.map_or(Met::Nothing, Met::Surface);
-        let Some((id, medium)) = scene.medium(self.medium) else {
+        let Some((id, medium)) = scene.medium(self.space) else {
             return end;
         };
         let distance = point.map_or(self.ray.max_distance, |point| point.distance);
@@ -221,7 +225,7 @@ impl Walk {
         Way {
             ray: self.ray,
             length: f32::INFINITY,
-            medium: self.medium,
+            space: self.space,
         }
     }
 
@@ -233,13 +237,14 @@ impl Walk {
             Met::Surface(point) => {
                 let mut vertex = Vertex::new(scene, *point, wo, self.mode);
                 if scene.media.is_some() {
-                    vertex.between(scene.media_about(point, self.medium));
+                    let sides = scene.sides(point, self.space, self.ray.direction);
+                    vertex.stand(sides, scene.index_outside(point, &sides));
                 }
                 vertex
             }
             Met::Medium(point) => {
-                let (id, medium) = scene.medium(self.medium)?;
-                Vertex::in_medium(point.position, id, &medium.phase, wo, self.mode)
+                let (_, medium) = scene.medium(self.space)?;
+                Vertex::in_medium(point.position, self.space, &medium.phase, wo, self.mode)
             }
             Met::Nothing => return None,
         };
@@ -260,7 +265,7 @@ impl Walk {
     #[inline(always)]
     pub(crate) fn go_on(&mut self, vertex: &Vertex, scattered: &Scattered, random: &mut PathRandom) -> bool {
         self.ray = vertex.ray_towards(scattered.wi);
-        self.medium = vertex.medium_towards(scattered.wi);
+        self.space = vertex.space_towards(scattered.wi);
         self.straight = self.in_media && vertex.goes_straight(scattered);
         self.states = match scattered.bsdf.delta {
             true => vertex.states.delta,

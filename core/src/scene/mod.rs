@@ -48,7 +48,7 @@ use crate::film::{FilmSettings, Window, WindowError};
 use crate::geometry::{Geometry, ShapeId, ShapeSampler, SurfacePoint};
 use crate::light::{LightId, Lights};
 use crate::material::Material;
-use crate::medium::{Boundary, Media};
+use crate::medium::{BodyId, Boundary, Media};
 use crate::motion::Motion;
 use crate::path::{ANY, PathExpression, States};
 use crate::sensor::Sensor;
@@ -117,6 +117,8 @@ pub struct ShapeBinding {
     pub light: Option<LightId>,
     /// What lies on its two sides, where it bounds a medium.
     pub boundary: Option<Boundary>,
+    /// The body that it bounds; it says no boundary then.
+    pub body: Option<BodyId>,
 }
 
 /// Rendering settings that the scene file carries; a job may override them.

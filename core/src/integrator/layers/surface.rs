@@ -152,13 +152,14 @@ pub(super) fn render(
 
 /// The share of the light at infinity that media keep back from the camera, the mean over channels.
 fn kept_back(sample: &mut Sample) -> f32 {
-    let Some(media) = &sample.tracer.scene.media else {
+    let scene = sample.tracer.scene;
+    if scene.media.is_none() {
         return 0.0;
-    };
+    }
     let way = Way {
         ray: sample.camera.ray,
         length: f32::INFINITY,
-        medium: media.camera,
+        space: scene.space_of_camera(),
     };
     1.0 - sample.tracer.transmittance_to_camera(&way, sample.random).share.mean()
 }

@@ -118,8 +118,8 @@ impl VolumeEstimator<'_> {
     pub(super) fn add_beams(&self, walk: &Walk, tracer: &mut Tracer, random: &mut PathRandom, beams: &mut Vec<Beam>) {
         let mut flux = walk.carried.beta();
         let of_path = (count_edges(walk.counted_with_next()), walk.states);
-        tracer.for_each_piece(walk.way(), |id, medium, piece| {
-            flux = self.add_pieces((id, medium), of_path, piece, flux, random, beams);
+        tracer.for_each_piece(walk.way(), |inside, piece| {
+            flux = self.add_pieces((inside.id, inside.medium), of_path, piece, flux, random, beams);
             !flux.is_black()
         });
     }

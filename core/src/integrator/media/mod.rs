@@ -145,7 +145,7 @@ impl<'a> VolumeEstimator<'a> {
         if self.has_beams() || vertex.surface().is_some() {
             return;
         }
-        let Some(medium) = vertex.medium_towards(vertex.wo) else {
+        let Some((medium, _)) = self.scene.medium(vertex.space_towards(vertex.wo)) else {
             return;
         };
         let position = vertex.position();
@@ -174,7 +174,7 @@ impl<'a> VolumeEstimator<'a> {
             }
             let mut steps = Steps::new();
             let found = list.iter().filter_map(|segment| {
-                let (_, medium) = self.scene.medium(Some(segment.crossed.medium))?;
+                let (_, medium) = self.scene.medium(segment.crossed.space)?;
                 let mut found = match self.kind {
                     MediaEstimator::Points => points(map, segment, medium)?,
                     MediaEstimator::Radiance => radiance(map, segment, medium, &mut steps),

@@ -35,7 +35,7 @@ use super::{Counts, Iteration, Job, Observer, Phase, RenderError, Sample, edge_l
 use crate::density::{Passable, RayMap, count_edges};
 use crate::geometry::Ray;
 use crate::math::Vec3;
-use crate::medium::{Medium, Passage, Steps};
+use crate::medium::{Medium, Passage, Space, Steps};
 use crate::path::{Crossed, Tracer, Walk, Way};
 use crate::random::PathRandom;
 use crate::scene::Scene;
@@ -214,7 +214,7 @@ impl<'s> SurfaceEstimator<'s> {
     /// What a medium scatters towards the camera on a piece of a camera path.
     fn light_on(&self, piece: &Crossed, tracer: &mut Tracer<'s>, random: &mut PathRandom) -> Spectrum {
         let mut radiance = Spectrum::ZERO;
-        let Some((_, medium)) = self.scene.medium(Some(piece.medium)) else {
+        let Some((_, medium)) = self.scene.medium(piece.space) else {
             return radiance;
         };
         let (Some(rates), true) = (Rates::of(medium), piece.counted_edges < self.max_edges) else {
@@ -324,7 +324,7 @@ impl<'s> SurfaceEstimator<'s> {
         let first = tail.kind.first();
         let mut light = tail.sent(&self.scene.lights, chain);
         let mut place = chain.start.map_or(tail.start, |point| point.position);
-        let mut medium = None;
+        let mut space = Space::EMPTY;
         for segment in (0..=first).rev() {
             if light.is_black() {
                 return light;
@@ -338,16 +338,16 @@ impl<'s> SurfaceEstimator<'s> {
                     direction,
                     max_distance: length,
                 };
-                tracer.follow(&Way { ray, length, medium }.up_to(length), random)
+                tracer.follow(&Way { ray, length, space }.up_to(length), random)
             };
             let Some((share, at_end)) = passed else {
                 return Spectrum::ZERO;
             };
             light *= share;
-            medium = at_end;
+            space = at_end;
             place += direction * length;
             if segment > 0 {
-                let Some((_, inside)) = self.scene.medium(medium) else {
+                let Some((_, inside)) = self.scene.medium(space) else {
                     return Spectrum::ZERO;
                 };
                 let phase = inside.phase.pdf(-direction, chain.directions[segment - 1]);

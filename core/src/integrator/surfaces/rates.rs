@@ -1,7 +1,7 @@
 //! Lengths that are drawn for photon surfaces.
 
 use crate::math::{exp, exp_m1, ln_1p};
-use crate::medium::{Medium, MediumId};
+use crate::medium::{Medium, Space};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::CHANNELS;
@@ -30,11 +30,11 @@ impl Rates {
         (count > 0).then_some(Self { rates, count })
     }
 
-    /// Those of the first of some media that extinguishes something, or a rate that suits the size of the scene where none does.
-    pub(super) fn of_first(media: impl IntoIterator<Item = Option<MediumId>>, scene: &Scene) -> Self {
-        let mut media = media.into_iter();
-        media
-            .find_map(|medium| Self::of(scene.medium(medium)?.1))
+    /// Those of the first of some spaces whose medium extinguishes something, or a rate that suits the size of the scene where none does.
+    pub(super) fn of_first(spaces: impl IntoIterator<Item = Space>, scene: &Scene) -> Self {
+        let mut spaces = spaces.into_iter();
+        spaces
+            .find_map(|space| Self::of(scene.medium(space)?.1))
             .unwrap_or_else(|| {
                 let (lower, upper) = scene.geometry.bounds();
                 Self::single(1.0 / (upper - lower).length().max(f32::MIN_POSITIVE))

@@ -8,8 +8,8 @@ use crate::geometry::{Ray, SurfacePoint};
 use crate::light::{EmissionSample, LightId, Lights, Origin};
 use crate::math::warp::square_to_sphere;
 use crate::math::{Frame, TAU, Vec2, Vec3, safe_sqrt, sin_cos};
-use crate::medium::{Medium, MediumId, Phase};
-use crate::path::{ANY, AT_LIGHT, Event, States, Tracer, Vertex, Walk, Way};
+use crate::medium::{Medium, MediumId, Space};
+use crate::path::{ANY, AT_LIGHT, Event, Piece, States, Tracer, Vertex, Walk, Way};
 use crate::random::PathRandom;
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
@@ -103,8 +103,8 @@ pub(super) struct Tail<'s> {
     pub(super) start: Vec3,
     /// What arrives at the start, or goes along the first segment there \[W\].
     pub(super) flux: Spectrum,
-    /// The medium of the first segment. It is that of an edge on its whole piece.
-    medium: Option<MediumId>,
+    /// What the first segment begins in. It is that of an edge on its whole piece.
+    space: Space,
     pub(super) rates: Rates,
     /// Unit vectors. Those of segments before the first repeat the axis about which the first was drawn.
     pub(super) directions: [Vec3; 3],
@@ -151,7 +151,7 @@ impl<'s> Tail<'s> {
             }
             _ => return None,
         };
-        let rates = Rates::of_first([scene.medium_of_light(start)], scene);
+        let rates = Rates::of_first([scene.space_of_light(start)], scene);
         let counted = (1, states);
         let mut tail = Self::free(
             Stem::Light(Box::new(*start)),
@@ -192,7 +192,7 @@ impl<'s> Tail<'s> {
             true => Spread::BothSides,
             false => Spread::OneSide,
         };
-        let sides = [towards_wo, -towards_wo].map(|direction| vertex.medium_towards(direction));
+        let sides = [towards_wo, -towards_wo].map(|direction| vertex.space_towards(direction));
         let rates = Rates::of_first(sides, scene);
         let counted = (vertex.counted_edges + 1, vertex.states.smooth);
         let stem = Stem::Surface(Box::new(vertex.clone()));
@@ -216,7 +216,7 @@ impl<'s> Tail<'s> {
             kind: Kind::One,
             start,
             flux,
-            medium: None,
+            space: Space::EMPTY,
             rates,
             directions: [direction, axis, axis],
             spread,
@@ -275,35 +275,35 @@ impl<'s> Tail<'s> {
         }
     }
 
-    /// What comes through along the first segment of a chain, and the medium at its end; `None` where something is in the way.
+    /// What comes through along the first segment of a chain, and what its end lies in; `None` where something is in the way.
     pub(super) fn through_first(
         &self,
         chain: &Chain,
         tracer: &mut Tracer,
         random: &mut PathRandom,
-    ) -> Option<(Spectrum, Option<MediumId>)> {
+    ) -> Option<(Spectrum, Space)> {
         let scene = tracer.scene;
         let first = self.kind.first();
         let (direction, length) = (chain.directions[first], chain.lengths[first]);
         let mut follow = |start: EmissionSample| {
-            let medium = scene.medium_of_light(&start);
+            let space = scene.space_of_light(&start);
             let way = Way {
                 ray: start.ray,
                 length,
-                medium,
+                space,
             };
             tracer.follow(&way.up_to(length), random)
         };
         match &self.stem {
             // The piece of an edge lies in one medium, and nothing is in the way.
             Stem::Edge => {
-                let (id, medium) = self.medium(scene)?;
+                let (_, medium) = self.medium(scene)?;
                 let ray = Ray {
                     origin: self.start,
                     direction,
                     max_distance: length,
                 };
-                Some((medium.transmittance(&ray, length, random), Some(id)))
+                Some((medium.transmittance(&ray, length, random), self.space))
             }
             Stem::Surface(vertex) => tracer.follow(&vertex.way_to(direction, length), random),
             Stem::Light(start) => follow(EmissionSample {
@@ -326,7 +326,7 @@ impl<'s> Tail<'s> {
 
     /// The medium of the first segment of an edge.
     pub(super) fn medium<'m>(&self, scene: &'m Scene) -> Option<(MediumId, &'m Medium)> {
-        scene.medium(self.medium)
+        scene.medium(self.space)
     }
 }
 
@@ -341,10 +341,10 @@ pub(super) fn add_along<'s>(
     let scene = tracer.scene;
     let mut flux = walk.carried.beta();
     let counted = (walk.counted_with_next(), walk.states);
-    tracer.for_each_piece(walk.way(), |id, medium, ray| {
+    tracer.for_each_piece(walk.way(), |inside, ray| {
+        let medium = inside.medium;
         if let Some(rates) = Rates::of(medium) {
-            let phase = &medium.phase;
-            let piece = Piece { id, phase, rates, ray };
+            let piece = Part { inside, rates, ray };
             tails.push(piece.tail(scene, Kind::Three, flux, counted, random));
             if !from_medium {
                 tails.push(piece.tail(scene, Kind::Two, flux, counted, random));
@@ -356,14 +356,13 @@ pub(super) fn add_along<'s>(
 }
 
 /// A piece of a light path's edge in a medium.
-struct Piece<'p> {
-    id: MediumId,
-    phase: &'p Phase,
+struct Part<'p> {
+    inside: Piece<'p>,
     rates: Rates,
     ray: &'p Ray,
 }
 
-impl Piece<'_> {
+impl Part<'_> {
     fn tail<'s>(
         &self,
         scene: &Scene,
@@ -373,13 +372,16 @@ impl Piece<'_> {
         random: &mut PathRandom,
     ) -> Tail<'s> {
         let first = kind.first();
+        let phase = &self.inside.medium.phase;
+        let mut scatter = |from: Vec3| {
+            let choice = random.next_1d();
+            phase.sample(-from, choice, random.next_2d())
+        };
         let mut directions = [self.ray.direction; 3];
         for segment in (0..first).rev() {
-            let choice = random.next_1d();
-            directions[segment] = self.phase.sample(-directions[segment + 1], choice, random.next_2d());
+            directions[segment] = scatter(directions[segment + 1]);
         }
-        let (choice, u) = (random.next_1d(), random.next_2d());
-        let aside = self.phase.sample(-self.ray.direction, choice, u);
+        let aside = scatter(self.ray.direction);
         let lengths = std::array::from_fn(|_| self.rates.sample(random));
         let states = match &scene.paths {
             Some(paths) => (0..first).fold(states, |states, _| paths.after(states, Event::Volume)),
@@ -390,7 +392,7 @@ impl Piece<'_> {
             kind,
             start: self.ray.origin,
             flux,
-            medium: Some(self.id),
+            space: self.inside.space,
             rates: self.rates,
             directions,
             spread: Spread::OneSide,

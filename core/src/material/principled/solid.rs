@@ -2,7 +2,9 @@
 
 use super::clearcoat::Clearcoat;
 use super::{Cosines, Principled, Share, boundary_weight, diffuse, facets, normal_reflectance, schlick, sheen, tint};
-use crate::material::{BsdfSample, GRAZING, Lobe, Microfacets, Tints, TransportMode, conductor, dielectric, fresnel};
+use crate::material::{
+    BsdfSample, GRAZING, LEAST_STEP, Lobe, Microfacets, Tints, TransportMode, conductor, dielectric, fresnel,
+};
 use crate::math::{ONE_MINUS_EPSILON, Vec2, Vec3, warp};
 use crate::spectrum::Spectrum;
 use crate::texture::TexturePoint;
@@ -58,6 +60,14 @@ impl Weights {
 }
 
 impl SolidLobe {
+    /// As [`crate::material::Bsdf::immerse`]. As where scenes are read, the index is never that of what lies outside.
+    pub(in crate::material) fn immerse(&mut self, index: f32) {
+        self.eta /= index;
+        if (self.eta - 1.0).abs() < LEAST_STEP {
+            self.eta = 1.0 + LEAST_STEP;
+        }
+    }
+
     fn facets(&self) -> Microfacets {
         facets(self.roughness, self.anisotropic.get())
     }

@@ -3,7 +3,7 @@
 use super::Walk;
 use crate::geometry::Ray;
 use crate::material::TransportMode;
-use crate::medium::{Medium, MediumId};
+use crate::medium::{Medium, MediumId, Space};
 use crate::path::expression::{ANY, Event, States};
 use crate::path::vertex::{Vertex, VertexStates};
 use crate::random::PathRandom;
@@ -16,6 +16,8 @@ pub(crate) struct Crossed {
     /// Up to the end of the piece.
     pub(crate) ray: Ray,
     pub(crate) medium: MediumId,
+    /// What the piece lies in.
+    pub(crate) space: Space,
     /// Share of the radiance which arrives at the start of the piece that reaches the camera.
     pub(crate) beta: Spectrum,
     /// Edges of the subpath that limits count, this one among them.
@@ -35,10 +37,10 @@ impl Walk {
         weight: Spectrum,
         random: &mut PathRandom,
     ) -> Option<(Self, Vertex<'s>)> {
-        let (id, medium) = scene.medium(Some(piece.medium))?;
+        let (_, medium) = scene.medium(piece.space)?;
         let position = piece.ray.origin + piece.ray.direction * distance;
         let wo = -piece.ray.direction;
-        let mut vertex = Vertex::in_medium(position, id, &medium.phase, wo, TransportMode::Radiance);
+        let mut vertex = Vertex::in_medium(position, piece.space, &medium.phase, wo, TransportMode::Radiance);
         vertex.beta = weight;
         (vertex.edges, vertex.counted_edges) = (piece.counted_edges, piece.counted_edges);
         vertex.states = VertexStates {
@@ -49,7 +51,7 @@ impl Walk {
         let walk = Self {
             edges: piece.counted_edges,
             counted_edges: piece.counted_edges,
-            medium: Some(id),
+            space: piece.space,
             ..Self::new(scene, piece.ray, weight, TransportMode::Radiance, random)
         };
         Some((walk, vertex))
@@ -97,6 +99,7 @@ impl Walk {
         self.crossed.get_or_insert_default().push(Crossed {
             ray,
             medium: id,
+            space: self.space,
             beta,
             counted_edges,
             states,

@@ -6,6 +6,7 @@ use crate::geometry::{Shape, ShapeGroup, ShapeId};
 use crate::math::AnimatedTransform;
 use crate::scene::description::{Kind, ObjectId};
 use crate::scene::error::SceneError;
+use std::ops::Range;
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -16,6 +17,8 @@ pub(super) struct BuiltGroup {
     shapes: Option<Arc<ShapeGroup>>,
     /// Shapes that shine: each instance has its own, since every one of them is a light of its own.
     shining: Vec<ObjectId>,
+    /// The bodies among the former.
+    bodies: Range<usize>,
 }
 
 impl Builder<'_, '_> {
@@ -49,6 +52,8 @@ impl Builder<'_, '_> {
                 || (None, to_world.at(self.motion.at_rest())),
                 |(to_own, motion)| (Some(motion), to_own),
             );
+            let moves = moving.is_some();
+            self.stand_bodies(group.bodies.clone(), &to_world.at(self.motion.at_rest()), moves);
             let shape = Shape::Instance {
                 group: Arc::clone(shapes),
                 to_world: placed,
@@ -80,6 +85,7 @@ impl Builder<'_, '_> {
         let children = reader.children(Kind::Shape);
         reader.finish();
         let outer = (std::mem::take(&mut self.shapes), std::mem::take(&mut self.bindings));
+        let first_body = self.bodies.len();
         let outer_names = self.called.objects.len();
         self.within_group = true;
         let mut shining = Vec::new();
@@ -108,7 +114,11 @@ impl Builder<'_, '_> {
             self.last_group = Some(Arc::clone(shapes));
             self.group_bindings.extend(bindings);
         }
-        let group = Rc::new(BuiltGroup { shapes, shining });
+        let group = Rc::new(BuiltGroup {
+            shapes,
+            shining,
+            bodies: first_body..self.bodies.len(),
+        });
         self.groups.insert(object, Some(Rc::clone(&group)));
         Ok(group)
     }

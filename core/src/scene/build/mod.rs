@@ -1,6 +1,7 @@
 //! From the scene as written to the scene that renders.
 
 mod attributes;
+mod bodies;
 mod curves;
 mod daylight;
 mod instance;
@@ -155,6 +156,7 @@ struct Builder<'b, 'f> {
     /// The attributes of the mesh whose material is built.
     attributes: MeshAttributes,
     media: Vec<Medium>,
+    bodies: bodies::Bodies,
     /// Media that were built, by the object that describes them; `None` where it has a fault.
     media_of: BTreeMap<ObjectId, Option<MediumId>>,
     /// Bytes of volumes.
@@ -208,6 +210,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             motion: Motion::default(),
             attributes: MeshAttributes::default(),
             media: Vec::new(),
+            bodies: bodies::Bodies::default(),
             media_of: BTreeMap::new(),
             voxels: 0,
             material_of: BTreeMap::new(),
@@ -305,6 +308,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             material,
             light: None,
             boundary: None,
+            body: None,
         });
         ShapeId(self.shapes.len() as u32 - 1)
     }
@@ -387,10 +391,14 @@ impl<'b, 'f> Builder<'b, 'f> {
             Some(medium) => self.medium(medium)?,
             None => None,
         };
+        let mut bindings: Vec<ShapeBinding> = self.bindings.into_iter().chain(self.group_bindings).collect();
+        let alone = camera_medium.is_none() && bindings.iter().all(|binding| binding.boundary.is_none());
+        let warn = |place: &Place, message: &str| self.description.warnings.note(place, message);
+        let bodies = self.bodies.settle(bindings.iter_mut(), alone, warn);
         let lights = Lights::build(self.lights.into_iter().map(|(light, _)| light).collect(), &geometry);
         let mut scene = Scene {
             geometry: Arc::new(geometry),
-            bindings: self.bindings.into_iter().chain(self.group_bindings).collect(),
+            bindings: bindings.into(),
             materials: self.materials.into(),
             media: None,
             lights,
@@ -415,7 +423,7 @@ impl<'b, 'f> Builder<'b, 'f> {
             small_lamp,
             tiles: self.tiles,
         };
-        scene.settle_media(self.media, camera_medium);
+        scene.settle_media(self.media, bodies, camera_medium);
         Ok(scene)
     }
 }

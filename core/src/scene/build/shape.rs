@@ -138,6 +138,7 @@ impl Builder<'_, '_> {
         let bsdf = reader.only_child(Kind::Bsdf)?;
         let emitter = reader.only_child(Kind::Emitter)?;
         let boundary = self.boundary(reader)?;
+        let priority = self.priority(reader)?;
         // What measures the light that arrives here is read with the scene's sensors.
         reader.children(Kind::Sensor);
         let children = [bsdf, emitter].into_iter().flatten();
@@ -174,6 +175,7 @@ impl Builder<'_, '_> {
             false => shape,
         };
         let moving = moving.map(|(_, to_world)| to_world);
+        let moving_body = moving.is_some();
         let area = lamp.as_ref().and_then(|lamp| lamp.power).map(|_| match &moving {
             Some(to_world) => area_of(&shape.moved(&to_world.at(self.motion.at_rest()))),
             None => area_of(&shape),
@@ -183,6 +185,10 @@ impl Builder<'_, '_> {
             None => self.add_shape(reader.id, shape, material),
         };
         self.bound(boundary);
+        if let Some(priority) = priority {
+            let medium = boundary.and_then(|boundary| boundary.interior);
+            self.add_body(reader, priority, medium, moving_body)?;
+        }
         if metered && let Some((_, found)) = &mut self.metered {
             *found = Some(shape);
         }

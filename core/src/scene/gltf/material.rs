@@ -20,6 +20,8 @@ pub(super) struct Look {
     pub(super) emitter: Option<ObjectId>,
     /// The medium that the surface encloses.
     pub(super) interior: Option<ObjectId>,
+    /// Whether the surface encloses a body that light comes into.
+    pub(super) is_solid: bool,
     /// The set of texture coordinates that its textures use.
     pub(super) uv_set: u32,
 }
@@ -138,10 +140,12 @@ impl Maker<'_, '_, '_, '_, '_> {
         }
         let emitter = self.emitter(unlit)?;
         let interior = self.interior(surface.transmits);
+        let is_solid = surface.transmits && (solid_glass || material.extensions.volume.is_some());
         Ok(Look {
             bsdf,
             emitter,
             interior,
+            is_solid,
             uv_set: self.uv_set.unwrap_or(0),
         })
     }

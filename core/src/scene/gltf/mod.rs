@@ -380,6 +380,10 @@ impl SceneWriter<'_, '_, '_> {
         if let Some(medium) = look.interior {
             self.draft.link(shape, Some("interior"), medium);
         }
+        // Of solids that lie within each other, and of equal priority, the inner one holds.
+        if look.is_solid && look.emitter.is_none() {
+            self.draft.set(shape, "priority", Value::Integer(0));
+        }
         self.draft.link(parent, None, shape);
     }
 

@@ -2,6 +2,7 @@
 
 mod files;
 mod materials;
+mod solids;
 
 use super::*;
 use crate::math::{Transform, Vec3};

@@ -193,3 +193,27 @@ fn volumes_within_volumes_end_somewhere() {
     assert_eq!(even(&medium), ([1.0; 3], [0.75; 3]));
     assert!(matches!(medium.emission, Volume::Constant(none) if none == Spectrum::ZERO));
 }
+
+/// What is not closed has no inside; two boxes that touch are bodies, and one that stands apart is none.
+#[test]
+fn bodies_are_closed_and_overlap() {
+    let shape = |plugin: &str, x: f64| {
+        format!(
+            "<shape type='{plugin}'><integer name='priority' value='1'/><transform name='to_world'><translate x='{x}'/></transform></shape>"
+        )
+    };
+    let of = |shapes: &[(&str, f64)]| {
+        let body: String = shapes.iter().map(|(plugin, x)| shape(plugin, *x)).collect();
+        let scene = load("3.0.0", &body).unwrap();
+        let bodies = scene.bindings.iter().filter(|binding| binding.body.is_some()).count();
+        (bodies, warnings(&scene))
+    };
+    assert_eq!(of(&[("cube", 0.0), ("sphere", 1.5)]), (2, vec![]));
+    assert_eq!(of(&[("cube", 0.0), ("sphere", 2.5)]), (0, vec![]));
+    assert_eq!(of(&[("cube", 0.0), ("rectangle", 2.5)]), (0, vec![]));
+    for open in ["rectangle", "disk", "cylinder"] {
+        let (bodies, told) = of(&[("cube", 0.0), (open, 1.5), ("sphere", 1.5)]);
+        assert_eq!((bodies, told.len()), (2, 1), "{open}: {told:?}");
+        assert!(told[0].contains("it is not closed"), "{told:?}");
+    }
+}
