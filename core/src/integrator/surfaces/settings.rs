@@ -131,7 +131,7 @@ impl Default for SurfacesSettings {
     fn default() -> Self {
         use SurfaceKind::{Cones, Connections, Cylinders, Planes, Spheres};
         Self {
-            photons: 2_000,
+            photons: 20,
             samples: 1,
             sampling: Sampling::Sobol,
             surfaces: vec![Planes, Spheres, Cones, Cylinders, Connections],
