@@ -123,7 +123,6 @@ fn bias_of_cones_is_that_of_the_kernel_and_of_second_order() {
     for (sigma, theta) in [(0.7, 0.7), (0.7, 0.2), (0.35, 1.4)] {
         let (found, error) = bias_of(|seed| one(&scene, (sigma, theta), 1.0, seed, 1) / truth, 16);
         let expected = expected(sigma, theta) / truth - 1.0;
-        println!("{sigma} {theta}: {found} +- {error}, {expected}");
         assert!(
             (found - expected).abs() < 5.0 * error + 2e-3,
             "{sigma}, {theta}: {found} +- {error}, not {expected}"
