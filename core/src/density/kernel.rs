@@ -13,15 +13,53 @@ pub enum KernelShape {
     Epanechnikov,
 }
 
+/// What a kernel covers of the places about its middle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// A disc, on surfaces.
+    Disc,
+    /// A ball, in media.
+    Ball,
+}
+
+impl Extent {
+    /// Its dimensions.
+    #[must_use]
+    pub fn dimensions(self) -> u32 {
+        match self {
+            Self::Disc => 2,
+            Self::Ball => 3,
+        }
+    }
+
+    /// What the measure of a radius grows by where the radius grows by `ratio`.
+    #[must_use]
+    #[inline]
+    pub fn growth(self, ratio: f32) -> f32 {
+        match self {
+            Self::Disc => sqr(ratio),
+            Self::Ball => sqr(ratio) * ratio,
+        }
+    }
+
+    /// Height of the middle of the parabola over that of the box.
+    fn parabola_height(self) -> f32 {
+        match self {
+            Self::Disc => 2.0,
+            Self::Ball => 2.5,
+        }
+    }
+}
+
 impl KernelShape {
     /// The kernel over the height of the box of the same reach, at `distance2` of the squared radius and `chord2` of the squared
     /// distance on the unit sphere that is in reach.
     #[must_use]
     #[inline]
-    pub fn value(self, distance2: f32, chord2: f32) -> f32 {
+    pub fn value(self, extent: Extent, distance2: f32, chord2: f32) -> f32 {
         match self {
             Self::Box => 1.0,
-            Self::Epanechnikov => 2.0 * (1.0 - distance2) * 2.0 * (1.0 - chord2).max(0.0),
+            Self::Epanechnikov => extent.parabola_height() * (1.0 - distance2) * 2.0 * (1.0 - chord2).max(0.0),
         }
     }
 
@@ -55,11 +93,21 @@ pub fn disc_height(radius: f32) -> f32 {
     1.0 / (PI * sqr(radius))
 }
 
-/// Height of the box of radius `sigma` and half angle `theta` \[radians\] over positions and directions:
-/// `1 / (pi sigma^2 2 pi (1 - cos theta))` (thesis, equation 3.6) [1 / (unit^2 sr)].
+/// Height of the box over positions in a ball of radius `radius`: `3 / (4 pi r^3)` [1/unit^3].
 #[must_use]
-pub fn cone_height(sigma: f32, theta: f32) -> f32 {
-    1.0 / (PI * sqr(sigma) * TAU * one_minus_cos(theta))
+pub fn ball_height(radius: f32) -> f32 {
+    0.75 / (PI * radius * sqr(radius))
+}
+
+/// Height of the box of radius `sigma` and half angle `theta` \[radians\] over positions and directions:
+/// `1 / (pi sigma^2 2 pi (1 - cos theta))` on a disc (thesis, equation 3.6) [1 / (unit^2 sr)], and `3 / (4 pi sigma^3 2 pi (1 - cos theta))`
+/// in a ball (section 3.7.2) [1 / (unit^3 sr)].
+#[must_use]
+pub fn cone_height(extent: Extent, sigma: f32, theta: f32) -> f32 {
+    match extent {
+        Extent::Disc => 1.0 / (PI * sqr(sigma) * TAU * one_minus_cos(theta)),
+        Extent::Ball => ball_height(sigma) / (TAU * one_minus_cos(theta)),
+    }
 }
 
 #[cfg(test)]

@@ -30,7 +30,7 @@ pub use candidates::{Candidate, Candidates, QueryCell};
 pub use cones::{Cone, ConeMap};
 pub use direction::{decode_direction, encode_direction};
 pub use groups::Groups;
-pub use kernel::{KernelShape, cone_height, disc_height};
+pub use kernel::{Extent, KernelShape, ball_height, cone_height, disc_height};
 pub use occupancy::Occupancy;
 pub use points::{NearPoints, Payload, Point, PointMap};
 pub(crate) use rays::{Passable, RayMap};

@@ -28,12 +28,18 @@ pub fn radius_ratio(iteration: u32, alpha: f64, dimensions: u32) -> f64 {
 }
 
 /// Spatial bandwidth of iteration `iteration` (1, 2, ...) over the first one, for PCF: the root `s` of
-/// `s^2 (1 - cos(theta_1 s^p)) = (1 - cos theta_1) prod (k + alpha) / (k + 1)` (thesis equation 3.27).
+/// `s^d (1 - cos(theta_1 s^p)) = (1 - cos theta_1) prod (k + alpha) / (k + 1)`, with `d` dimensions of positions: 2 on surfaces (thesis equation
+/// 3.27), 3 in media.
+///
+/// The thesis says of media that only the spatial domain changes (section 3.7.2): the variance goes as the inverse of the kernel's measure (lemma
+/// 3.1), which is `sigma^3 (1 - cos theta)` there, and may grow by (i + 1) / (i + alpha), so that the average's falls as N^-alpha. With small angles
+/// `sigma_i` falls as i^((alpha - 1) / (2 p + d)), and the averaged bias, which is of the order sigma^2 whatever `d` is (lemma 3.2 and the footnote of section
+/// 3.7.2), as N^(2 (alpha - 1) / (2 p + d)): for `d` = 2 that is lemma 3.3.
 ///
 /// `theta1` in radians, in (0, pi]; `p` at least 1. The left side grows with `s`, so bisection finds the root to the
 /// last bit of an `f64`.
 #[must_use]
-pub fn pcf_sigma_ratio(iteration: u32, alpha: f64, p: f64, theta1: f64) -> f64 {
+pub fn pcf_sigma_ratio(iteration: u32, alpha: f64, p: f64, theta1: f64, dimensions: u32) -> f64 {
     let target = one_minus_cos(theta1) * remaining_share(iteration, alpha);
     let (mut low, mut high) = (0.0_f64, 1.0_f64);
     loop {
@@ -41,7 +47,11 @@ pub fn pcf_sigma_ratio(iteration: u32, alpha: f64, p: f64, theta1: f64) -> f64 {
         if middle <= low || middle >= high {
             return high;
         }
-        if middle * middle * one_minus_cos(theta1 * libm::pow(middle, p)) < target {
+        let measure = match dimensions {
+            2 => middle * middle,
+            _ => middle * middle * middle,
+        };
+        if measure * one_minus_cos(theta1 * libm::pow(middle, p)) < target {
             low = middle;
         } else {
             high = middle;
@@ -95,12 +105,14 @@ mod tests {
     fn pcf_solves_its_equation_and_starts_at_one() {
         let theta1 = 18.0_f64.to_radians();
         for (alpha, p) in [(0.2, 1.0), (0.2, 2.0), (0.7, 1.5)] {
-            assert_eq!(pcf_sigma_ratio(1, alpha, p, theta1), 1.0);
-            for i in [2_u32, 17, 1000] {
-                let s = pcf_sigma_ratio(i, alpha, p, theta1);
-                let left = s * s * one_minus_cos(pcf_theta(s, p, theta1));
-                let right = one_minus_cos(theta1) * remaining_share(i, alpha);
-                assert!((left / right - 1.0).abs() < 1e-12);
+            for dimensions in [2, 3] {
+                assert_eq!(pcf_sigma_ratio(1, alpha, p, theta1, dimensions), 1.0);
+                for i in [2_u32, 17, 1000] {
+                    let s = pcf_sigma_ratio(i, alpha, p, theta1, dimensions);
+                    let left = s.powi(dimensions as i32) * one_minus_cos(pcf_theta(s, p, theta1));
+                    let right = one_minus_cos(theta1) * remaining_share(i, alpha);
+                    assert!((left / right - 1.0).abs() < 1e-12);
+                }
             }
         }
     }
@@ -109,8 +121,11 @@ mod tests {
     fn pcf_shrinks_at_the_rate_of_the_small_angle_limit() {
         let (alpha, p, theta1) = (0.2, 1.5, 0.1_f64.to_radians());
         let i = 500_u32;
-        let ratio = pcf_sigma_ratio(i, alpha, p, theta1) / pcf_sigma_ratio(i + 1, alpha, p, theta1);
-        let expected = f64::from(i + 1) / (f64::from(i) + alpha);
-        assert!((libm::pow(ratio, 2.0 * p + 2.0) / expected - 1.0).abs() < 1e-6);
+        for dimensions in [2, 3] {
+            let sigma = |i| pcf_sigma_ratio(i, alpha, p, theta1, dimensions);
+            let ratio = sigma(i) / sigma(i + 1);
+            let expected = f64::from(i + 1) / (f64::from(i) + alpha);
+            assert!((libm::pow(ratio, 2.0 * p + f64::from(dimensions)) / expected - 1.0).abs() < 1e-6);
+        }
     }
 }

@@ -48,11 +48,14 @@ pub(super) fn shrinking_radius(scene: &Scene, sigma1: Option<f32>, photons: u32,
     (f64::from(first_radius(scene, sigma1, photons)) * ratio) as f32
 }
 
+/// The first radius of kernels over `dimensions` in media \[scene units\]: `sigma1`, or else one for `photons` light paths.
+pub(super) fn first_radius_in_media(scene: &Scene, sigma1: Option<f32>, photons: u32, dimensions: u32) -> f32 {
+    sigma1.unwrap_or_else(|| automatic_radius(scene, photons, dimensions))
+}
+
 /// Radius of the kernels over `dimensions` (1, 2 or 3) in which records in media count, in iteration `iteration` (1, 2, ...) \[scene units\].
 pub(super) fn media_radius(scene: &Scene, settings: &PppmSettings, iteration: u32, dimensions: u32) -> f32 {
-    let first = settings
-        .sigma1
-        .unwrap_or_else(|| automatic_radius(scene, settings.photons, dimensions));
+    let first = first_radius_in_media(scene, settings.sigma1, settings.photons, dimensions);
     let ratio = schedule::radius_ratio(iteration, f64::from(settings.alpha), dimensions);
     (f64::from(first) * ratio) as f32
 }

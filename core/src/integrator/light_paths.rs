@@ -112,20 +112,18 @@ impl LightPaths {
         Ok(chunks.into_iter().map(|(result, _)| result).collect())
     }
 
-    /// Traces the paths; `store` puts the records of each arrival into the chunk's list. Chunks come back in the order of paths.
-    pub(super) fn trace<R: Send>(
+    /// Traces the paths; `store` puts the records of each arrival into what the chunk leaves. Chunks come back in the order of paths.
+    pub(super) fn trace<T: Default + Send>(
         &self,
         scene: &Scene,
         observer: &dyn Observer,
         counts: &mut Counts,
-        store: impl Fn(&Arrival, &mut Vec<R>) + Sync,
-    ) -> Result<Vec<Vec<R>>, RenderError> {
-        let chunks = self.trace_edges(scene, observer, counts, |_, _, _, _| {}, store)?;
-        counts.records_stored += chunks.iter().map(|records| records.len() as u64).sum::<u64>();
-        Ok(chunks)
+        store: impl Fn(&Arrival, &mut T) + Sync,
+    ) -> Result<Vec<T>, RenderError> {
+        self.trace_edges(scene, observer, counts, |_, _, _, _| {}, store)
     }
 
-    /// As [`Self::trace`], with records of any kind, which are not counted; `depart` looks at each edge before it is traced.
+    /// As [`Self::trace`]; `depart` looks at each edge before it is traced.
     pub(super) fn trace_edges<T: Default + Send>(
         &self,
         scene: &Scene,

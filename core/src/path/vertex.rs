@@ -393,15 +393,26 @@ impl<'s> Vertex<'s> {
         scattered.weight() * (self.cos_geometric(scattered.wi) / scattered.cos_shading)
     }
 
-    /// A cone at this vertex on `surface`.
-    pub(crate) fn cone(&self, surface: &SurfacePoint, direction: Vec3, weight: Spectrum, states: States) -> Cone {
-        Cone::new(
-            surface.position,
-            surface.geometric_normal,
-            direction,
-            weight,
-            self.edges,
-            states,
-        )
+    /// A cone at this vertex. `states`: after it has scattered, on a surface; in a medium that is left to the camera's path ([`super::Crossed`]).
+    pub(crate) fn cone(&self, direction: Vec3, weight: Spectrum, states: States) -> Cone {
+        match &self.site {
+            Site::Surface { point, .. } => Cone::new(
+                point.position,
+                point.geometric_normal,
+                direction,
+                weight,
+                self.edges,
+                states,
+            ),
+            // Nobody asks for a normal there.
+            Site::Medium { position, .. } => Cone::new(
+                *position,
+                direction,
+                direction,
+                weight,
+                self.counted_edges,
+                self.states.arrived,
+            ),
+        }
     }
 }

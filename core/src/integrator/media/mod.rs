@@ -27,12 +27,12 @@ mod beams;
 mod photons;
 pub(super) mod settings;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 
 use super::bandwidth::media_radius;
 use super::light_paths::Arrival;
 use super::{Found, Job, Observer, RenderError};
-use crate::density::{RayMap, count_edges, radius_at};
+use crate::density::{RayMap, ball_height, count_edges, radius_at};
 use crate::geometry::Ray;
 use crate::math::{PI, sqr};
 use crate::medium::{Medium, MediumId, Steps};
@@ -218,7 +218,7 @@ fn points(map: &VolumeMap, segment: &Segment, medium: &Medium) -> Option<Found> 
     let mut found = segment.nothing();
     found.read = map.photons.along(&point, |photon, _| {
         if segment.counts(photon.medium, photon.edges, photon.states) {
-            let height = 0.75 / (PI * photon.radius * sqr(photon.radius));
+            let height = ball_height(photon.radius);
             found.counted += 1;
             found.value += share * photon.flux * (medium.phase.pdf(photon.wi, -ray.direction) * height);
         }

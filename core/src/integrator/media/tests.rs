@@ -1,6 +1,6 @@
 //! Estimators in media against closed forms and against path tracing.
 
-mod measure;
+pub(in crate::integrator) mod measure;
 
 use super::*;
 use crate::integrator::{Batches, IntegratorSettings, Unobserved, render_iteration, render_next};
@@ -115,7 +115,7 @@ fn single_scattering_of_a_point_light_is_the_integral() {
 }
 
 /// A box on a floor whose inside is `medium`, with something in it that casts a shadow, lit by a lamp of some size from above.
-fn room(medium: &str) -> String {
+pub(in crate::integrator) fn room(medium: &str) -> String {
     format!(
         "<sensor type='perspective'><float name='fov' value='32'/><transform name='to_world'>\
          <lookat origin='0.3, 0.4, -4' target='0, 0, 0' up='0, 1, 0'/></transform>\

@@ -9,32 +9,49 @@ use crate::sensor::{Sensor, Towards};
 pub(super) struct CameraLobe<'a> {
     camera: &'a Sensor,
     theta: f32,
+    /// Radius about a place in which camera paths want its cones, each in its own direction to the camera \[scene units\].
+    radius: f32,
     defensive: f32,
 }
 
 impl<'a> CameraLobe<'a> {
-    /// Lobes as wide as the angular bandwidth `theta` \[radians\] and the angle under which the lens is seen. The share `defensive` of
-    /// the samples goes to all directions.
-    pub(super) fn new(camera: &'a Sensor, theta: f32, defensive: f32) -> Self {
+    /// Lobes as wide as the angular bandwidth `theta` \[radians\] and the angle under which the lens is seen, and in which directions to the camera
+    /// differ within `radius` \[scene units\]. The share `defensive` of the samples goes to all directions.
+    pub(super) fn new(camera: &'a Sensor, theta: f32, radius: f32, defensive: f32) -> Self {
         Self {
             camera,
             theta,
+            radius,
             defensive,
         }
     }
 
-    /// The lobe at a surface point; `None` at the camera itself.
+    /// How much the direction to the camera turns within the radius, about \[radians\].
+    fn turn(&self, position: Vec3, direction: Vec3) -> f32 {
+        if self.radius == 0.0 {
+            return 0.0;
+        }
+        let beside = position + direction.any_orthonormal_vector() * self.radius;
+        let other = self.camera.direction_from(beside);
+        other.map_or(PI, |other| (other.direction - direction).length())
+    }
+
+    /// The lobe at a point of a surface of this normal, or without one in a medium; `None` at the camera itself.
     ///
     /// The mean of `1 - cos` over the lobe, `1 / (n + 2)`, is that over the cone around all that counts, `(1 - cos theta) / 2`.
     /// Where a lens reaches through the tangent plane both sides count, and nothing is mirrored.
-    pub(super) fn at(&self, position: Vec3, normal: Vec3) -> Option<LobeAt> {
+    pub(super) fn at(&self, position: Vec3, normal: Option<Vec3>) -> Option<LobeAt> {
         let Towards { direction, lens_angle } = self.camera.direction_from(position)?;
-        let height = direction.dot(normal);
-        let on_one_side = lens_angle < 0.5 * PI && height.abs() >= sin(lens_angle);
+        let plane = normal.and_then(|normal| {
+            let height = direction.dot(normal);
+            let on_one_side = lens_angle < 0.5 * PI && height.abs() >= sin(lens_angle);
+            on_one_side.then_some(if height < 0.0 { -normal } else { normal })
+        });
+        let width = self.theta + lens_angle + self.turn(position, direction);
         Some(LobeAt {
             axis: direction,
-            normal: on_one_side.then_some(if height < 0.0 { -normal } else { normal }),
-            exponent: (2.0 / one_minus_cos((self.theta + lens_angle).min(PI)) - 2.0).max(0.0),
+            normal: plane,
+            exponent: (2.0 / one_minus_cos(width.min(PI)) - 2.0).max(0.0),
             defensive: self.defensive,
         })
     }

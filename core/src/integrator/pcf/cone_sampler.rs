@@ -3,8 +3,7 @@
 use super::camera_lobe::{CameraLobe, LobeAt};
 use super::importons::{DEFENSIVE, Importons, Mixture};
 use super::query::is_automatic_lookup;
-use crate::density::{Cone, Occupancy};
-use crate::geometry::SurfacePoint;
+use crate::density::{Cone, Extent, Occupancy};
 use crate::integrator::light_paths::Arrival;
 use crate::integrator::{Bandwidth, Job};
 use crate::math::{Vec3, pow, sqr};
@@ -13,7 +12,7 @@ use crate::random::{PathRandom, Stream};
 use crate::settings::{DirectionSampler, LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
 
-/// Stores the cones of light paths.
+/// Stores the cones of light paths at places of one sort.
 pub(super) struct ConeSampler<'a> {
     job: &'a Job<'a>,
     /// Exponent of the power heuristic.
@@ -68,7 +67,7 @@ impl<'a> ConeSampler<'a> {
     pub(super) fn new(
         job: &'a Job<'a>,
         settings: &PcfSettings,
-        bandwidth: Bandwidth,
+        (extent, bandwidth): (Extent, Bandwidth),
         importons: Option<Importons>,
     ) -> Self {
         let uses = |sampler| settings.samplers.contains(&sampler);
@@ -76,13 +75,18 @@ impl<'a> ConeSampler<'a> {
         // The other techniques have a density in every direction that carries light. Alone, camera connections need one too: a
         // lookup vertex beyond the first wants radiance away from the camera.
         let defensive = if alone { DEFENSIVE } else { 0.0 };
+        // On surfaces, discs are small against the distance from the camera.
+        let radius = match extent {
+            Extent::Disc => 0.0,
+            Extent::Ball => bandwidth.sigma,
+        };
         Self {
             job,
             beta: settings.mis_beta,
             lookup: settings.lookup_vertex,
             bsdf: uses(DirectionSampler::Bsdf),
             camera: uses(DirectionSampler::Camera)
-                .then(|| CameraLobe::new(&job.scene.sensor, bandwidth.theta, defensive)),
+                .then(|| CameraLobe::new(&job.scene.sensor, bandwidth.theta, radius, defensive)),
             importons,
         }
     }
@@ -91,15 +95,14 @@ impl<'a> ConeSampler<'a> {
     /// `occupancy` rules out are left out.
     pub(super) fn store(&self, arrival: &Arrival, occupancy: Option<&Occupancy>, records: &mut Vec<Cone>) {
         let vertex = arrival.vertex;
-        let Some(point) = vertex.surface() else { return };
-        let position = point.position;
+        let position = vertex.position();
         if occupancy.is_some_and(|o| !o.may_count_at(position)) {
             return;
         }
         let wanted = |direction: Vec3| occupancy.is_none_or(|o| o.may_count(position, direction));
         let mut push = |direction: Vec3, weight: Spectrum, states: States| {
             if !weight.is_black() {
-                records.push(vertex.cone(point, direction, weight, states));
+                records.push(vertex.cone(direction, weight, states));
             }
         };
         let walked = |vertex| self.lookup == LookupVertex::Auto && is_automatic_lookup(vertex);
@@ -116,7 +119,7 @@ impl<'a> ConeSampler<'a> {
         if vertex.is_delta() {
             return;
         }
-        let techniques = self.techniques(vertex, point);
+        let techniques = self.techniques(vertex);
         if let Some(scattered) = arrival.scattered.filter(|s| self.bsdf && !s.bsdf.delta && wanted(s.wi)) {
             let mut densities = techniques.densities(scattered.wi);
             densities[BSDF] = scattered.bsdf.pdf;
@@ -148,19 +151,15 @@ impl<'a> ConeSampler<'a> {
         }
     }
 
-    fn techniques<'v>(&self, vertex: &'v Vertex<'v>, point: &SurfacePoint) -> Techniques<'v> {
+    fn techniques<'v>(&self, vertex: &'v Vertex<'v>) -> Techniques<'v> {
+        let position = vertex.position();
+        let normal = vertex.surface().map(|point| point.geometric_normal);
         Techniques {
             vertex,
             beta: self.beta,
             bsdf: self.bsdf,
-            camera: self
-                .camera
-                .as_ref()
-                .and_then(|lobe| lobe.at(point.position, point.geometric_normal)),
-            importons: self
-                .importons
-                .as_ref()
-                .map(|importons| importons.around(point.position)),
+            camera: self.camera.as_ref().and_then(|lobe| lobe.at(position, normal)),
+            importons: self.importons.as_ref().map(|importons| importons.around(position)),
         }
     }
 

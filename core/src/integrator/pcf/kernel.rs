@@ -1,20 +1,21 @@
 //! How much a cone counts for a query.
 
 use super::query::{Query, Surface};
-use crate::density::{Candidate, Candidates, KernelShape, LEAST_ANGLE, Reach, cone_height};
+use crate::density::{Candidate, Candidates, Extent, KernelShape, LEAST_ANGLE, Reach, cone_height};
 use crate::integrator::Bandwidth;
 use crate::math::{Vec3, sqr};
 use crate::settings::PcfSettings;
 use crate::spectrum::Spectrum;
 
 /// The kernel of an iteration (thesis, section 3.1): a function of the distance and of the angle that integrates to one over
-/// a disc and a cone.
+/// a disc and a cone, or in media over a ball and a cone (section 3.7.2).
 pub(super) struct Kernel<'a> {
+    extent: Extent,
     shape: KernelShape,
     /// Shares of the radius for light paths of 1, 2, ... edges.
     sigma_by_length: &'a [f32],
     surface_test: bool,
-    /// On rough surfaces, and on delta and glossy ones.
+    /// On rough surfaces or in media, and on delta and glossy surfaces.
     widths: [Width; 2],
 }
 
@@ -22,37 +23,43 @@ pub(super) struct Kernel<'a> {
 struct Width {
     theta: f32,
     reach: Reach,
-    /// Of the box ([`cone_height`]) [1 / (unit^2 sr)].
+    /// Of the box ([`cone_height`]) [1 / (unit^2 sr), in media 1 / (unit^3 sr)].
     height: f32,
 }
 
 impl Width {
-    fn new(bandwidth: Bandwidth) -> Self {
+    fn new(extent: Extent, bandwidth: Bandwidth) -> Self {
         Self {
             theta: bandwidth.theta,
             reach: Reach::new(bandwidth.sigma, bandwidth.theta),
-            height: cone_height(bandwidth.sigma, bandwidth.theta),
+            height: cone_height(extent, bandwidth.sigma, bandwidth.theta),
         }
     }
 }
 
 impl<'a> Kernel<'a> {
-    pub(super) fn new(settings: &'a PcfSettings, bandwidth: Bandwidth) -> Self {
+    pub(super) fn new(settings: &'a PcfSettings, extent: Extent, bandwidth: Bandwidth) -> Self {
         let glossy = Bandwidth {
             theta: (bandwidth.theta * settings.theta_glossy).max(LEAST_ANGLE),
             ..bandwidth
         };
         Self {
+            extent,
             shape: settings.kernel,
             sigma_by_length: &settings.sigma_by_length,
-            surface_test: settings.surface_test,
-            widths: [Width::new(bandwidth), Width::new(glossy)],
+            surface_test: settings.surface_test && extent == Extent::Disc,
+            widths: [bandwidth, glossy].map(|bandwidth| Width::new(extent, bandwidth)),
         }
     }
 
     /// How far any query reaches.
     pub(super) fn reach(&self) -> &Reach {
         &self.widths[0].reach
+    }
+
+    /// Whether only cones near the query's surface count, and the kernel is clipped to it.
+    pub(super) fn tests_surfaces(&self) -> bool {
+        self.surface_test
     }
 
     pub(super) fn shape(&self) -> KernelShape {
@@ -87,7 +94,7 @@ impl<'a> Kernel<'a> {
         &self.widths[usize::from(query.surface != Surface::Rough)]
     }
 
-    /// `sum_j K(psi_j - psi) weight_j` over the cones gathered for the query (thesis, equation 3.11) [W/(unit^2 sr)], and how many records
+    /// `sum_j K(psi_j - psi) weight_j` over the cones gathered for the query (thesis, equation 3.11) [W/(unit^2 sr), in media W/(unit^3 sr)], and how many records
     /// were tested and counted. `on_surface`: for each length of light paths the share of the kernel on the query's surface, which
     /// the sum is divided by; empty without a surface test.
     pub(super) fn sum(&self, cones: &Candidates, query: &Query, on_surface: &[f32]) -> (Spectrum, u64, u64) {
@@ -110,7 +117,7 @@ impl<'a> Kernel<'a> {
                 sum += cone.weight() * (value / on_surface.get(length).unwrap_or(&1.0));
             }
         });
-        let height = width.height * sqr(width.reach.radius() / reach.radius());
+        let height = width.height * self.extent.growth(width.reach.radius() / reach.radius());
         (sum * height, tested, counted)
     }
 
@@ -127,8 +134,12 @@ impl<'a> Kernel<'a> {
         }
         let chord2 = (cone.direction() - query.direction).length_squared();
         // No two directions are further apart than opposite ones.
-        let shape = self.shape.value(distance2 / radius2, chord2 / reach.chord2().min(4.0));
-        shape * (sqr(reach.radius()) / radius2)
+        let chord2 = chord2 / reach.chord2().min(4.0);
+        let shape = self.shape.value(self.extent, distance2 / radius2, chord2);
+        match self.extent {
+            Extent::Disc => shape * (sqr(reach.radius()) / radius2),
+            Extent::Ball => shape * self.extent.growth(reach.radius() / radius),
+        }
     }
 }
 
@@ -160,15 +171,19 @@ mod tests {
     use crate::math::{PI, warp::square_to_sphere};
     use crate::random::{PathRandom, Stream};
 
-    /// Records spread evenly over a square and over all directions, of light paths of one and two edges in turn.
-    fn evenly(count: u64, half: f32) -> Vec<Cone> {
+    /// Records spread evenly over a square or a cube of side 2 and over all directions, of light paths of one and two edges in turn.
+    fn evenly(extent: Extent, count: u64) -> Vec<Cone> {
         (0..count)
             .map(|i| {
                 let mut random = PathRandom::new(5, 1, Stream::Light, i);
-                let place = (2.0 * random.next_2d() - 1.0) * half;
+                let place = 2.0 * random.next_2d() - 1.0;
                 let direction = square_to_sphere(random.next_2d());
+                let height = match extent {
+                    Extent::Disc => 0.0,
+                    Extent::Ball => 2.0 * random.next_1d() - 1.0,
+                };
                 let edges = 1 + (i % 2) as u32;
-                Cone::new(place.extend(0.0), Vec3::Z, direction, Spectrum::ONE, edges, u8::MAX)
+                Cone::new(place.extend(height), Vec3::Z, direction, Spectrum::ONE, edges, u8::MAX)
             })
             .collect()
     }
@@ -178,29 +193,32 @@ mod tests {
     #[test]
     fn kernels_integrate_to_one() {
         const COUNT: u64 = 400_000;
-        let records = evenly(COUNT, 1.0);
         let query = Query::at(Vec3::new(0.05, -0.02, 0.0), Vec3::new(0.48, -0.6, 0.64), Vec3::ZERO);
-        for kernel in [KernelShape::Box, KernelShape::Epanechnikov] {
-            for sigma_by_length in [vec![], vec![0.6, 1.0]] {
-                for theta in [0.4, 1.5, 2.5, PI] {
-                    let settings = PcfSettings {
-                        kernel,
-                        sigma_by_length: sigma_by_length.clone(),
-                        ..Default::default()
-                    };
-                    let bandwidth = Bandwidth { sigma: 0.7, theta };
-                    let kernel = Kernel::new(&settings, bandwidth);
-                    let map = ConeMap::build(vec![records.clone()], kernel.reach(), false);
-                    let mut cones = Candidates::new(&map);
-                    let _ = cones.gather(std::iter::once((query.position, query.direction)), kernel.reach());
-                    let (sum, _, counted) = kernel.sum(&cones, &query, &[]);
-                    let integral = sum[0] * 4.0 * 4.0 * PI / COUNT as f32;
-                    // The noise of a sum of squares of weights up to 4, at 4 deviations.
-                    let allowed = 4.0 * 1.5 / (counted as f32).sqrt();
-                    assert!(
-                        (integral - 1.0).abs() < allowed,
-                        "{settings:?}, {theta}: {integral}, {counted}"
-                    );
+        // The place's measure, and the spread of weights over their mean at most.
+        for (extent, measure, spread) in [(Extent::Disc, 4.0, 1.5), (Extent::Ball, 8.0, 2.0)] {
+            let records = evenly(extent, COUNT);
+            for kernel in [KernelShape::Box, KernelShape::Epanechnikov] {
+                for sigma_by_length in [vec![], vec![0.6, 1.0]] {
+                    for theta in [0.4, 1.5, 2.5, PI] {
+                        let settings = PcfSettings {
+                            kernel,
+                            sigma_by_length: sigma_by_length.clone(),
+                            ..Default::default()
+                        };
+                        let bandwidth = Bandwidth { sigma: 0.7, theta };
+                        let kernel = Kernel::new(&settings, extent, bandwidth);
+                        let map = ConeMap::build(vec![records.clone()], kernel.reach(), false);
+                        let mut cones = Candidates::new(&map);
+                        let _ = cones.gather(std::iter::once((query.position, query.direction)), kernel.reach());
+                        let (sum, _, counted) = kernel.sum(&cones, &query, &[]);
+                        let integral = sum[0] * measure * 4.0 * PI / COUNT as f32;
+                        // The noise of a sum of weights, at 4 deviations.
+                        let allowed = 4.0 * spread / (counted as f32).sqrt();
+                        assert!(
+                            (integral - 1.0).abs() < allowed,
+                            "{settings:?}, {extent:?}, {theta}: {integral}, {counted}"
+                        );
+                    }
                 }
             }
         }

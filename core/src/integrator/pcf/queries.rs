@@ -2,21 +2,20 @@
 
 use super::clip::share_on_surface;
 use super::kernel::Kernel;
+use super::places::{ByPlace, Place};
 use super::query::{Query, Surface, is_lookup};
 use crate::density::{Candidates, ConeMap, Groups, Occupancy, QueryCell, Reach, count_edges};
 use crate::integrator::camera_path::CameraPath;
-use crate::integrator::{Counts, Job, Observer, RenderError, edge_limit, trace_pixels};
+use crate::integrator::{Counts, Job, Observer, RenderError, Sample, edge_limit, trace_pixels_into};
 use crate::path::Tracer;
 use crate::random::{PathRandom, Stream};
-use crate::settings::{LookupVertex, PcfSettings};
+use crate::settings::{ConesInMedia, LookupVertex, PcfSettings};
 use crate::spectrum::Spectrum;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The camera paths of a range of pixels: what they have gathered themselves, and their queries.
+/// The queries at places of one sort of the camera paths of a range of pixels.
 pub(super) struct Queries {
-    /// Sum over the samples of each pixel.
-    pixels: Vec<Spectrum>,
     /// In the order of pixels.
     queries: Vec<Query>,
     /// For each query and each length of light paths the share of the kernel that lies on the query's surface; empty where nobody
@@ -29,7 +28,15 @@ pub(super) struct Queries {
 /// Queries clipped, or marked, by one task.
 const PER_TASK: usize = 256;
 
-impl Queries {
+/// The camera paths of a range of pixels: what they have gathered themselves, and their queries.
+pub(super) struct CameraPaths {
+    /// Sum over the samples of each pixel.
+    pub(super) pixels: Vec<Spectrum>,
+    /// For each place ([`Place::index`]).
+    pub(super) queries: Vec<Queries>,
+}
+
+impl CameraPaths {
     pub(super) fn trace(
         job: &Job,
         settings: &PcfSettings,
@@ -39,17 +46,29 @@ impl Queries {
     ) -> Result<Self, RenderError> {
         let max_edges = edge_limit(settings.max_depth);
         let first = pixels.start;
-        let (pixels, lists) = trace_pixels(job, settings.samples, pixels, observer, counts, |sample, queries| {
+        let media = match settings.media {
+            ConesInMedia::Paths => 0,
+            ConesInMedia::Cones => job.scene.media.as_ref().map_or(0, |media| media.media.len()),
+        };
+        let trace = |sample: Sample, queries: &mut ByPlace<Query>| {
             let mut path = CameraPath::new(sample.tracer, sample.camera.ray, sample.random, max_edges);
+            if media > 0 {
+                path.cross_media();
+            }
             loop {
                 let met = path.trace_edge();
+                for crossed in path.take_crossed() {
+                    let place = Place::Medium(crossed.medium);
+                    let query = Query::in_medium(job.scene, crossed, sample.pixel - first, max_edges);
+                    queries.list(place).extend(query);
+                }
                 let Some(vertex) = path.arrive(&met) else { break };
                 let at_lookup = is_lookup(settings.lookup_vertex, &vertex);
                 let asked = vertex.surface().filter(|_| at_lookup || settings.nested);
                 let asks = asked.is_some();
                 if let Some(point) = asked {
                     let longest = if at_lookup { u32::MAX } else { 1 };
-                    queries.push(Query {
+                    queries.list(Place::Surface).push(Query {
                         position: point.position,
                         direction: vertex.wo,
                         normal: point.geometric_normal,
@@ -81,13 +100,23 @@ impl Queries {
                 }
             }
             path.radiance
-        })?;
+        };
+        let (pixels, lists) = trace_pixels_into(job, settings.samples, pixels, observer, counts, trace)?;
+        let queries = ByPlace::sort(lists, 1 + media).into_iter();
         Ok(Self {
             pixels,
-            queries: lists.concat(),
+            queries: queries.map(|lists| Queries::new(lists.concat())).collect(),
+        })
+    }
+}
+
+impl Queries {
+    fn new(queries: Vec<Query>) -> Self {
+        Self {
+            queries,
             on_surface: Vec::new(),
             groups: Groups::default(),
-        })
+        }
     }
 
     /// Finds the part of each query's kernel that lies on its surface, which the sums are divided by. Returns the number of rays.
@@ -182,15 +211,10 @@ impl Queries {
         Ok(())
     }
 
-    /// The mean of each pixel over its `samples`; the queries' sums are over `light_paths` light paths.
-    pub(super) fn into_pixels(self, light_paths: u32, samples: u32) -> Vec<Spectrum> {
-        let mut pixels = self.pixels;
+    /// Adds what the queries have found to their pixels; their sums are over `light_paths` light paths.
+    pub(super) fn add_to(&self, pixels: &mut [Spectrum], light_paths: u32) {
         for query in &self.queries {
             pixels[query.pixel as usize] += query.throughput * query.radiance * (1.0 / light_paths as f32);
         }
-        for pixel in &mut pixels {
-            *pixel *= 1.0 / samples as f32;
-        }
-        pixels
     }
 }

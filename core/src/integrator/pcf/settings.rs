@@ -1,8 +1,8 @@
 //! Settings of `pcf`.
 
 pub use crate::density::KernelShape;
-use crate::density::{LEAST_ANGLE, schedule};
-use crate::integrator::bandwidth::first_radius;
+use crate::density::{Extent, LEAST_ANGLE, schedule};
+use crate::integrator::bandwidth::{first_radius, first_radius_in_media};
 use crate::integrator::{Bandwidth, Estimator, Ignored, Integrator, Iteration, Job, Observer, RenderError};
 use crate::random::Sampling;
 use crate::scene::Scene;
@@ -31,6 +31,7 @@ pub(in crate::integrator) const INTEGRATOR: Integrator = Integrator {
         SIGMA_BY_LENGTH,
         THETA_GLOSSY,
         SURFACE_TEST,
+        MEDIA,
         MAX_DEPTH,
     ],
     ignored: Ignored::Integers(&[]),
@@ -126,6 +127,15 @@ const SURFACE_TEST: Setting = Setting {
     help: "Whether only cones near the query's surface count, and the kernel is clipped to it",
 };
 
+const MEDIA: Setting = Setting {
+    name: "media",
+    kind: Kind::Choice(&["paths", "cones"]),
+    instead: None,
+    unit: "",
+    help: "How light is estimated that media scatter: by camera paths that are scattered there and connected with lights, or by cones that \
+           light paths leave in media",
+};
+
 /// Settings of `pcf`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -163,6 +173,8 @@ pub struct PcfSettings {
     pub theta_glossy: f32,
     /// Whether a cone must lie in the query's tangent plane, about, to count, and the kernel is clipped to that surface.
     pub surface_test: bool,
+    /// How light is estimated that media scatter towards the camera.
+    pub media: ConesInMedia,
     /// Most edges of a light path, camera to light; `None`: no limit.
     pub max_depth: Option<u32>,
 }
@@ -185,20 +197,48 @@ impl Default for PcfSettings {
             sigma_by_length: Vec::new(),
             theta_glossy: 1.0,
             surface_test: false,
+            media: ConesInMedia::Paths,
             max_depth: None,
         }
     }
 }
 
+/// Kernel sizes of an iteration.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::integrator) struct Widths {
+    pub(in crate::integrator) on_surfaces: Bandwidth,
+    pub(in crate::integrator) in_media: Bandwidth,
+}
+
 impl PcfSettings {
     /// Kernel sizes of iteration `iteration` (1, 2, ...).
-    fn kernels(&self, scene: &Scene, iteration: u32) -> Bandwidth {
-        let sigma1 = f64::from(first_radius(scene, self.sigma1, self.photons));
+    pub(super) fn widths(&self, scene: &Scene, iteration: u32) -> Widths {
+        let on_surfaces = self.on_surfaces(scene, iteration);
+        let has_cones = self.media == ConesInMedia::Cones && scene.media.is_some();
+        Widths {
+            on_surfaces,
+            in_media: match has_cones {
+                true => {
+                    let sigma1 = first_radius_in_media(scene, self.sigma1, self.photons, Extent::Ball.dimensions());
+                    self.shrunk(sigma1, Extent::Ball, iteration)
+                }
+                false => on_surfaces,
+            },
+        }
+    }
+
+    fn on_surfaces(&self, scene: &Scene, iteration: u32) -> Bandwidth {
+        let sigma1 = first_radius(scene, self.sigma1, self.photons);
+        self.shrunk(sigma1, Extent::Disc, iteration)
+    }
+
+    /// The kernel that begins with the radius `sigma1`.
+    fn shrunk(&self, sigma1: f32, extent: Extent, iteration: u32) -> Bandwidth {
         let theta1 = f64::from(self.theta1).to_radians();
         let p = f64::from(self.p);
-        let ratio = schedule::pcf_sigma_ratio(iteration, f64::from(self.alpha), p, theta1);
+        let ratio = schedule::pcf_sigma_ratio(iteration, f64::from(self.alpha), p, theta1, extent.dimensions());
         Bandwidth {
-            sigma: (sigma1 * ratio) as f32,
+            sigma: (f64::from(sigma1) * ratio) as f32,
             theta: (schedule::pcf_theta(ratio, p, theta1) as f32).max(LEAST_ANGLE),
         }
     }
@@ -218,7 +258,7 @@ impl Estimator for PcfSettings {
     }
 
     fn bandwidth(&self, scene: &Scene, iteration: u32) -> Option<Bandwidth> {
-        Some(self.kernels(scene, iteration))
+        Some(self.on_surfaces(scene, iteration))
     }
 
     /// Importons are the queries of all pixels, and points of the discs about queries are numbered through them.
@@ -227,8 +267,19 @@ impl Estimator for PcfSettings {
     }
 
     fn render(&self, job: &Job, _before: &[f32], observer: &dyn Observer) -> Result<Iteration, RenderError> {
-        super::render(job, self, self.kernels(job.at_rest, job.iteration), observer)
+        super::render(job, self, self.widths(job.at_rest, job.iteration), observer)
     }
+}
+
+/// How light is estimated that media scatter towards the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ConesInMedia {
+    /// By camera paths that are scattered by media as by glossy surfaces, and connected with lights.
+    #[default]
+    Paths,
+    /// By cones that light paths leave where media scatter them.
+    Cones,
 }
 
 /// Camera vertex at which the cone map is read: a number of 1 or more, or `"auto"`.

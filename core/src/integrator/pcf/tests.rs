@@ -1,15 +1,18 @@
+mod measure;
+mod media;
+
 use super::*;
 use crate::integrator::test_scenes;
-use crate::integrator::{Batches, Unobserved, bandwidth};
+use crate::integrator::{Batches, Unobserved};
 use crate::scene::Scene;
-use crate::settings::{DirectionSampler, IntegratorSettings, KernelShape};
+use crate::settings::{DirectionSampler, KernelShape};
 
 fn render(scene: &Scene, settings: &PcfSettings, iteration: u32, culling: bool) -> Iteration {
     render_in(Batches::default(), scene, settings, iteration, culling)
 }
 
 fn render_in(batches: Batches, scene: &Scene, settings: &PcfSettings, iteration: u32, culling: bool) -> Iteration {
-    let bandwidth = bandwidth(scene, &IntegratorSettings::Pcf(settings.clone()), iteration).unwrap();
+    let widths = settings.widths(scene, iteration);
     let job = Job {
         scene,
         at_rest: scene,
@@ -18,7 +21,7 @@ fn render_in(batches: Batches, scene: &Scene, settings: &PcfSettings, iteration:
         sampling: settings.sampling,
         batches,
     };
-    render_culling(&job, settings, bandwidth, &Unobserved, culling).unwrap()
+    render_culling(&job, settings, widths, &Unobserved, culling).unwrap()
 }
 
 fn bits(image: &Iteration) -> Vec<[u32; 3]> {

@@ -1,8 +1,8 @@
-//! The cones and queries of an iteration, for measurements of maps.
+//! The cones and queries of an iteration on surfaces, for measurements of maps.
 
 use super::Pass;
 use crate::density::Cone;
-use crate::integrator::{Bandwidth, Batches, Counts, Job, RenderError, Unobserved, bandwidth};
+use crate::integrator::{Bandwidth, Batches, Counts, Job, RenderError, Unobserved};
 use crate::math::Vec3;
 use crate::scene::Scene;
 use crate::settings::{IntegratorSettings, PcfSettings};
@@ -28,7 +28,7 @@ impl Workload {
     pub fn new(scene: &Scene, settings: &PcfSettings, seed: u64, iteration: u32) -> Result<Self, RenderError> {
         let whole = IntegratorSettings::Pcf(settings.clone());
         whole.validate()?;
-        let bandwidth = bandwidth(scene, &whole, iteration).expect("pcf has a bandwidth");
+        let widths = settings.widths(scene, iteration);
         let job = Job {
             scene,
             at_rest: scene,
@@ -39,14 +39,22 @@ impl Workload {
         };
         let mut counts = Counts::default();
         let pixels = 0..job.pixel_count();
-        let pass = Pass::trace_camera(&job, settings, bandwidth, pixels, &Unobserved, &mut counts)?;
-        let occupancy = pass.queries.occupancy(pass.kernel.reach());
-        let light = |occupancy| pass.trace_light(0..settings.photons, occupancy, &Unobserved, &mut Counts::default());
+        let pass = Pass::trace_camera(&job, settings, widths, pixels, &Unobserved, &mut counts)?;
+        let occupancies = pass.occupancies();
+        let light = |occupancies| -> Result<_, RenderError> {
+            let records = pass.trace_light(0..settings.photons, occupancies, &Unobserved, &mut Counts::default())?;
+            Ok(records.into_iter().next().unwrap_or_default())
+        };
+        let queries = pass
+            .gatherings
+            .iter()
+            .take(1)
+            .flat_map(|gathering| gathering.queries.iter());
         Ok(Self {
             cones: light(None)?,
-            stored: light(Some(&occupancy))?,
-            queries: pass.queries.iter().map(|q| (q.position, q.direction)).collect(),
-            bandwidth,
+            stored: light(Some(&occupancies))?,
+            queries: queries.map(|q| (q.position, q.direction)).collect(),
+            bandwidth: widths.on_surfaces,
         })
     }
 }

@@ -6,13 +6,15 @@
 use super::*;
 use std::f64::consts::{PI as PI64, TAU};
 
-const SIGMA: f64 = 0.5;
+pub(in crate::integrator) const SIGMA: f64 = 0.5;
 /// Distance along the ray of the point next to the light.
-const NEXT_TO_LIGHT: f64 = 2.0;
+pub(in crate::integrator) const NEXT_TO_LIGHT: f64 = 2.0;
 
-fn fog() -> Scene {
+/// Fog that scatters by the phase function of Henyey and Greenstein of mean cosine `g`.
+pub(in crate::integrator) fn fog(g: f64) -> Scene {
     scene(&format!(
-        "<medium id='fog' type='homogeneous'><float name='sigma_t' value='0.5'/><float name='albedo' value='1'/></medium>\
+        "<medium id='fog' type='homogeneous'><float name='sigma_t' value='0.5'/><float name='albedo' value='1'/>\
+         <phase type='hg'><float name='g' value='{g}'/></phase></medium>\
          {}<emitter type='point'><point name='position' x='1' y='0' z='2'/><rgb name='intensity' value='1'/></emitter>\
          <shape type='rectangle'><transform name='to_world'><rotate x='1' angle='180'/><translate z='40'/></transform>\
          <bsdf type='diffuse'><rgb name='reflectance' value='0'/></bsdf></shape>",
@@ -21,7 +23,7 @@ fn fog() -> Scene {
 }
 
 /// The midpoint rule.
-fn integral(from: f64, to: f64, steps: u32, f: impl Fn(f64) -> f64) -> f64 {
+pub(in crate::integrator) fn integral(from: f64, to: f64, steps: u32, f: impl Fn(f64) -> f64) -> f64 {
     let step = (to - from) / f64::from(steps);
     (0..steps).map(|i| f(from + (f64::from(i) + 0.5) * step)).sum::<f64>() * step
 }
@@ -100,14 +102,16 @@ fn one(scene: &Scene, media: MediaEstimator, radius: f64, seed: u64, iteration: 
 
 /// Mean over seeds and its standard error, over the truth, less 1.
 fn bias(scene: &Scene, media: MediaEstimator, radius: f64, seeds: u32) -> (f64, f64) {
-    let truth = truth();
-    let values: Vec<f64> = (0..seeds)
-        .map(|seed| one(scene, media, radius, u64::from(seed), 1) / truth - 1.0)
-        .collect();
+    bias_of(|seed| one(scene, media, radius, seed, 1) / truth(), seeds)
+}
+
+/// As [`bias`], of any estimate over the truth by seed.
+pub(in crate::integrator) fn bias_of(one: impl Fn(u64) -> f64, seeds: u32) -> (f64, f64) {
+    let values: Vec<f64> = (0..seeds).map(|seed| one(u64::from(seed)) - 1.0).collect();
     mean_with_error(&values)
 }
 
-fn mean_with_error(values: &[f64]) -> (f64, f64) {
+pub(in crate::integrator) fn mean_with_error(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
@@ -115,7 +119,7 @@ fn mean_with_error(values: &[f64]) -> (f64, f64) {
 }
 
 /// Least-squares slope of logarithms.
-fn slope(points: &[(f64, f64)]) -> f64 {
+pub(in crate::integrator) fn slope(points: &[(f64, f64)]) -> f64 {
     let logs = || points.iter().map(|(x, y)| (x.ln(), y.abs().ln()));
     let count = points.len() as f64;
     let (x, y) = logs().fold((0.0, 0.0), |(x, y), point| (x + point.0 / count, y + point.1 / count));
@@ -127,7 +131,7 @@ fn slope(points: &[(f64, f64)]) -> f64 {
 /// radius a quarter is left, and not an eighth.
 #[test]
 fn bias_is_that_of_the_kernel_and_of_second_order() {
-    let scene = fog();
+    let scene = fog(0.0);
     for media in KINDS {
         for radius in [0.7, 0.35] {
             let (found, error) = bias(&scene, media, radius, 8);
@@ -147,110 +151,129 @@ fn bias_is_that_of_the_kernel_and_of_second_order() {
 #[test]
 #[ignore = "takes minutes"]
 fn measure_slopes() {
-    let scene = fog();
+    let scene = fog(0.0);
     by_radius(&scene);
     by_iterations(&scene);
 }
 
+const RADII: [f64; 4] = [0.25, 0.35, 0.5, 0.7];
+
 fn by_radius(scene: &Scene) {
-    const RADII: [f64; 4] = [0.25, 0.35, 0.5, 0.7];
     println!("| kind | bias at radius 0.25 | 0.35 | 0.5 | 0.7 | slope | slope expected |");
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     for media in KINDS {
-        let found = RADII.map(|radius| bias(scene, media, radius, 400));
-        let expected = RADII.map(|radius| (radius, expected(media, radius) / truth() - 1.0));
-        let measured: Vec<(f64, f64)> = RADII.into_iter().zip(found.map(|found| found.0)).collect();
-        // Errors of logarithms, carried on to the slope.
-        let middle = RADII.iter().map(|radius| radius.ln()).sum::<f64>() / 4.0;
-        let spread: f64 = RADII.iter().map(|radius| (radius.ln() - middle).powi(2)).sum();
-        let squares = found
-            .iter()
-            .zip(RADII)
-            .map(|((bias, error), radius)| ((radius.ln() - middle) * error / bias).powi(2));
-        let error = squares.sum::<f64>().sqrt() / spread;
-        let cells = found.iter().zip(&expected).map(|((bias, error), (_, expected))| {
-            format!("{:.2} ± {:.2} ({:.2})", 100.0 * bias, 100.0 * error, 100.0 * expected)
-        });
-        println!(
-            "| {media:?} | {} | {:.2} ± {:.2} | {:.2} |",
-            cells.collect::<Vec<_>>().join(" | "),
-            slope(&measured),
-            2.0 * error,
-            slope(&expected)
+        row_by_radius(
+            &format!("{media:?}"),
+            |radius| bias(scene, media, radius, 400),
+            |radius| expected(media, radius) / truth() - 1.0,
         );
     }
 }
 
+/// A row of the table of biases by radius: as found, with its standard error, and as expected.
+pub(in crate::integrator) fn row_by_radius(
+    label: &str,
+    found: impl Fn(f64) -> (f64, f64),
+    expected: impl Fn(f64) -> f64,
+) {
+    let found = RADII.map(found);
+    let expected = RADII.map(|radius| (radius, expected(radius)));
+    let measured: Vec<(f64, f64)> = RADII.into_iter().zip(found.map(|found| found.0)).collect();
+    // Errors of logarithms, carried on to the slope.
+    let middle = RADII.iter().map(|radius| radius.ln()).sum::<f64>() / 4.0;
+    let spread: f64 = RADII.iter().map(|radius| (radius.ln() - middle).powi(2)).sum();
+    let squares = found
+        .iter()
+        .zip(RADII)
+        .map(|((bias, error), radius)| ((radius.ln() - middle) * error / bias).powi(2));
+    let error = squares.sum::<f64>().sqrt() / spread;
+    let cells = found.iter().zip(&expected).map(|((bias, error), (_, expected))| {
+        format!("{:.2} ± {:.2} ({:.2})", 100.0 * bias, 100.0 * error, 100.0 * expected)
+    });
+    println!(
+        "| {label} | {} | {:.2} ± {:.2} | {:.2} |",
+        cells.collect::<Vec<_>>().join(" | "),
+        slope(&measured),
+        2.0 * error,
+        slope(&expected)
+    );
+}
+
 /// Bias and variance of averages over 4, 8, ..., 64 iterations with alpha 0.5.
 fn by_iterations(scene: &Scene) {
-    const ITERATIONS: usize = 64;
     const FIRST_RADIUS: f64 = 0.7;
-    const GROUPS: usize = 8;
-    const RUNS: usize = 32;
-    let counts = [4, 8, 16, 32, 64];
-    println!(
-        "| kind | bias: slope | expected at these N | in the limit | variance: slope | expected at these N | in the limit |"
-    );
-    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    println!("{HEAD_BY_ITERATIONS}");
     for media in KINDS {
         let dimensions = media.dimensions().unwrap();
-        let radius = |i: usize| FIRST_RADIUS * crate::density::schedule::radius_ratio(i as u32, 0.5, dimensions);
-        let runs: Vec<Vec<f64>> = (0..RUNS)
-            .map(|run| {
-                let one = |i: usize| one(scene, media, FIRST_RADIUS, 1_000 + run as u64, i as u32) / truth();
-                (1..=ITERATIONS).map(one).collect()
-            })
-            .collect();
-        // Without one group of runs, or with all.
-        let slopes = |without: usize| {
-            let kept: Vec<&Vec<f64>> = (0..RUNS)
-                .filter(|run| run % GROUPS != without)
-                .map(|run| &runs[run])
-                .collect();
-            let of_iteration = |i: usize| {
-                let values: Vec<f64> = kept.iter().map(|run| run[i]).collect();
-                let (mean, error) = mean_with_error(&values);
-                (mean, error * error * kept.len() as f64)
-            };
-            let (mut sums, mut bias, mut variance) = ((0.0, 0.0), Vec::new(), Vec::new());
-            for i in 1..=ITERATIONS {
-                let (mean, spread) = of_iteration(i - 1);
-                sums = (sums.0 + mean - 1.0, sums.1 + spread);
-                if counts.contains(&i) {
-                    let n = i as f64;
-                    bias.push((n, sums.0 / n));
-                    variance.push((n, sums.1 / (n * n)));
-                }
-            }
-            [slope(&bias), slope(&variance)]
-        };
-        let (mut bias, mut variance, mut sums) = (Vec::new(), Vec::new(), (0.0, 0.0));
-        for i in 1..=ITERATIONS {
-            let kernel = radius(i).powi(dimensions as i32);
-            sums = (
-                sums.0 + expected(media, radius(i)) / truth() - 1.0,
-                sums.1 + 1.0 / kernel,
-            );
-            if counts.contains(&i) {
-                let n = i as f64;
-                bias.push((n, sums.0 / n));
-                variance.push((n, sums.1 / (n * n)));
-            }
-        }
-        let all = slopes(GROUPS);
-        let cell = |which: usize| {
-            let parts: Vec<f64> = (0..GROUPS).map(|group| slopes(group)[which]).collect();
-            // The jackknife.
-            let (_, error) = mean_with_error(&parts);
-            format!("{:.2} ± {:.2}", all[which], 2.0 * error * (GROUPS as f64 - 1.0))
-        };
-        println!(
-            "| {media:?} | {} | {:.2} | {:.2} | {} | {:.2} | -0.50 |",
-            cell(0),
-            slope(&bias),
-            (-1.0 / f64::from(dimensions)).max(-1.0),
-            cell(1),
-            slope(&variance)
+        let radius = |i: u32| FIRST_RADIUS * crate::density::schedule::radius_ratio(i, 0.5, dimensions);
+        row_by_iterations(
+            &format!("{media:?}"),
+            |seed, i| one(scene, media, FIRST_RADIUS, seed, i) / truth(),
+            |i| expected(media, radius(i)) / truth() - 1.0,
+            |i| radius(i).powi(dimensions as i32),
+            [(-1.0 / f64::from(dimensions)).max(-1.0), -0.5],
         );
     }
+}
+
+pub(in crate::integrator) const HEAD_BY_ITERATIONS: &str = "\
+| kind | bias: slope | expected at these N | in the limit | variance: slope | expected at these N | in the limit |
+| --- | --- | --- | --- | --- | --- | --- |";
+
+/// A row of the table of slopes of averages, of bias and of variance: by an estimate over the truth, which depends on seed and iteration, and as expected by the bias
+/// and the kernel's measure of each iteration.
+pub(in crate::integrator) fn row_by_iterations(
+    label: &str,
+    one: impl Fn(u64, u32) -> f64,
+    bias: impl Fn(u32) -> f64,
+    measure: impl Fn(u32) -> f64,
+    limits: [f64; 2],
+) {
+    const GROUPS: usize = 8;
+    const RUNS: usize = 32;
+    let runs: Vec<Vec<f64>> = (0..RUNS)
+        .map(|run| (1..=ITERATIONS).map(|i| one(1_000 + run as u64, i)).collect())
+        .collect();
+    // Without one group of runs, or with all.
+    let slopes = |without: usize| {
+        let kept: Vec<&Vec<f64>> = (0..RUNS)
+            .filter(|run| run % GROUPS != without)
+            .map(|run| &runs[run])
+            .collect();
+        slopes_of_averages(|i| {
+            let values: Vec<f64> = kept.iter().map(|run| run[i as usize - 1]).collect();
+            let (mean, error) = mean_with_error(&values);
+            (mean - 1.0, error * error * kept.len() as f64)
+        })
+    };
+    let expected = slopes_of_averages(|i| (bias(i), 1.0 / measure(i)));
+    let all = slopes(GROUPS);
+    let cells = [0, 1].map(|which| {
+        let parts: Vec<f64> = (0..GROUPS).map(|group| slopes(group)[which]).collect();
+        // The jackknife.
+        let (_, error) = mean_with_error(&parts);
+        let error = 2.0 * error * (GROUPS as f64 - 1.0);
+        format!(
+            "{:.2} ± {error:.2} | {:.2} | {:.2}",
+            all[which], expected[which], limits[which]
+        )
+    });
+    println!("| {label} | {} |", cells.join(" | "));
+}
+
+const ITERATIONS: u32 = 64;
+
+/// Slopes of bias and variance of the averages over 4, 8, ..., 64 iterations, by those of each iteration.
+fn slopes_of_averages(of_iteration: impl Fn(u32) -> (f64, f64)) -> [f64; 2] {
+    let (mut sums, mut bias, mut variance) = ((0.0, 0.0), Vec::new(), Vec::new());
+    for i in 1..=ITERATIONS {
+        let (of_bias, of_variance) = of_iteration(i);
+        sums = (sums.0 + of_bias, sums.1 + of_variance);
+        if [4, 8, 16, 32, 64].contains(&i) {
+            let n = f64::from(i);
+            bias.push((n, sums.0 / n));
+            variance.push((n, sums.1 / (n * n)));
+        }
+    }
+    [slope(&bias), slope(&variance)]
 }

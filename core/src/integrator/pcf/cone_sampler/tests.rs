@@ -62,8 +62,8 @@ fn narrow_lobes_are_sampled_with_their_density() {
             |direction| mixture.pdf(direction),
         );
         for defensive in [0.0, DEFENSIVE] {
-            let lobe = CameraLobe::new(&scene.sensor, theta, defensive);
-            let lobe = lobe.at(position, Vec3::Y).unwrap();
+            let lobe = CameraLobe::new(&scene.sensor, theta, 0.0, defensive);
+            let lobe = lobe.at(position, Some(Vec3::Y)).unwrap();
             assert_narrow(
                 &format!("camera lobe of {theta}"),
                 9,
@@ -83,8 +83,8 @@ fn narrow_lobes_are_sampled_with_their_density() {
 fn a_camera_lobe_with_a_defensive_share_covers_all_directions() {
     let scene = test_scenes::load("mirror-glass", 24);
     let position = Vec3::new(0.2, -0.3, 0.1);
-    let lobe = CameraLobe::new(&scene.sensor, 0.3, DEFENSIVE);
-    let lobe = lobe.at(position, Vec3::Y).unwrap();
+    let lobe = CameraLobe::new(&scene.sensor, 0.3, 0.0, DEFENSIVE);
+    let lobe = lobe.at(position, Some(Vec3::Y)).unwrap();
     assert_directions(
         "defensive camera lobe",
         1,
@@ -115,7 +115,7 @@ fn weights_of_the_techniques_sum_to_one() {
         if vertex.is_delta() {
             continue;
         }
-        let lobe = CameraLobe::new(&scene.sensor, 0.3, 0.0);
+        let lobe = CameraLobe::new(&scene.sensor, 0.3, 0.0, 0.0);
         for (bsdf, camera, importon, beta) in [
             (true, true, true, 2.0),
             (true, false, true, 1.3),
@@ -126,7 +126,7 @@ fn weights_of_the_techniques_sum_to_one() {
                 vertex: &vertex,
                 beta,
                 bsdf,
-                camera: camera.then(|| lobe.at(point.position, point.geometric_normal).unwrap()),
+                camera: camera.then(|| lobe.at(point.position, Some(point.geometric_normal)).unwrap()),
                 importons: importon.then(mixture),
             };
             for _ in 0..20 {
