@@ -209,7 +209,7 @@ const LAMP: &str = "<shape type='rectangle'><transform name='to_world'><scale va
 /// Compares what integrators see of overlapping bodies with what path tracing sees where nothing overlaps.
 fn compare([overlapping, apart]: [String; 2], lights: &str, all: &[IntegratorSettings]) {
     let longest = Some(6);
-    let expected = estimate(&scene(&around(&apart, lights)), &path(32, longest), 128);
+    let expected = estimate(&scene(&around(&apart, lights)), &path(128, longest), 128);
     let scene = scene(&around(&overlapping, lights));
     for settings in all {
         let found = estimate(&scene, settings, 96);
@@ -217,7 +217,7 @@ fn compare([overlapping, apart]: [String; 2], lights: &str, all: &[IntegratorSet
             let ((mean, error), (wanted, its)) = (found[channel], expected[channel]);
             let error = error.hypot(its);
             let label = format!("channel {channel}, {settings:?}");
-            assert!(error < 0.05 * wanted, "{label}: {mean} and {wanted} +- {error}");
+            assert!(error < 0.1 * wanted, "{label}: {mean} and {wanted} +- {error}");
             // Discs of the density estimates blur what lies in corners.
             agrees(&label, (mean, error), wanted, 0.02);
         }
@@ -234,7 +234,7 @@ fn all_integrators_see_media_as_without_overlap() {
     };
     let lights = LAMP.to_owned() + &lamps(2.0).concat();
     let longest = Some(6);
-    let mut all = integrators(4, 2000, longest);
+    let mut all = integrators(16, 2000, longest);
     for media in [MediaEstimator::Radiance, MediaEstimator::Beams] {
         all.push(IntegratorSettings::Pppm(PppmSettings {
             samples: 4,
@@ -271,10 +271,9 @@ fn all_integrators_see_glass_and_liquid_as_without_overlap() {
     };
     let lights = "<emitter type='constant'><rgb name='radiance' value='0.3 0.4 0.5'/></emitter>";
     for plugin in ["dielectric", "roughdielectric"] {
-        compare(
-            boxes(bsdf(plugin), ["", "milk"]),
-            lights,
-            &integrators(4, 2000, Some(6)),
-        );
+        let mut all = integrators(4, 2000, Some(6));
+        // Nothing connects the lens with what is seen through smooth glass.
+        all.retain(|settings| plugin != "dielectric" || !matches!(settings, IntegratorSettings::Light(_)));
+        compare(boxes(bsdf(plugin), ["", "milk"]), lights, &all);
     }
 }
