@@ -57,7 +57,7 @@ mod tests {
     use super::*;
     use photonfarm_core::random::Sampling;
     use photonfarm_core::settings::{
-        DirectionSampler, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
+        ConesInMedia, DirectionSampler, KernelShape, LookupVertex, PathSettings, PcfSettings, PppmSettings,
     };
 
     fn set(pairs: &[(&str, &str)]) -> BTreeMap<String, String> {
@@ -124,6 +124,7 @@ mod tests {
             ("sigma_by_length", "0.5,1"),
             ("theta_glossy", "0.25"),
             ("surface_test", "true"),
+            ("media", "cones"),
             ("max_depth", "7"),
         ];
         let expected = PcfSettings {
@@ -146,6 +147,7 @@ mod tests {
             sigma_by_length: vec![0.5, 1.0],
             theta_glossy: 0.25,
             surface_test: true,
+            media: ConesInMedia::Cones,
             max_depth: Some(7),
         };
         assert_eq!(

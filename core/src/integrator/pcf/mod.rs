@@ -186,7 +186,9 @@ impl<'a> Pass<'a> {
             max_edges: longest_light_path(self.settings),
         };
         let chunks = paths.trace(self.job.scene, observer, counts, |arrival, records: &mut ByPlace<_>| {
-            let Some(place) = Place::of(arrival.vertex) else { return };
+            let Some(place) = Place::of(arrival.vertex, self.job.scene) else {
+                return;
+            };
             if let Some(gathering) = self.gatherings.get(place.index()) {
                 let occupancy = occupancies.map(|all| &all[place.index()]);
                 gathering.cones.store(arrival, occupancy, records.list(place));

@@ -2,6 +2,7 @@
 
 use crate::medium::MediumId;
 use crate::path::Vertex;
+use crate::scene::Scene;
 
 /// Where a cone or a query lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,10 +13,10 @@ pub(super) enum Place {
 
 impl Place {
     /// That of a vertex; `None` nowhere.
-    pub(super) fn of(vertex: &Vertex) -> Option<Self> {
+    pub(super) fn of(vertex: &Vertex, scene: &Scene) -> Option<Self> {
         match vertex.surface() {
             Some(_) => Some(Self::Surface),
-            None => vertex.medium_towards(vertex.wo).map(Self::Medium),
+            None => Some(Self::Medium(scene.medium(vertex.space_towards(vertex.wo))?.0)),
         }
     }
 

@@ -60,7 +60,7 @@ impl Query {
         if limit == 0 || crossed.states == 0 || crossed.beta.is_black() {
             return None;
         }
-        let (_, medium) = scene.medium(Some(crossed.medium))?;
+        let (_, medium) = scene.medium(crossed.space)?;
         if medium.scattered_colour().is_black() {
             return None;
         }
