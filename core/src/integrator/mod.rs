@@ -245,7 +245,7 @@ struct Batches {
     light_paths_of_beams: u32,
     /// Camera paths whose queries `pcf` holds.
     camera_paths: usize,
-    /// Camera paths whose vertices, of some 260 bytes each, are held by integrators that evaluate materials when they read a map.
+    /// Camera paths whose vertices, of some 280 bytes each, are held by integrators that evaluate materials when they read a map.
     vertices: usize,
     /// The same where several maps are read, for each of which light paths are traced.
     vertices_of_batches: usize,

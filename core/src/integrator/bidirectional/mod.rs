@@ -24,7 +24,7 @@ use crate::settings::shared::PHOTONS;
 use crate::settings::{Kind, Setting};
 use crate::spectrum::Spectrum;
 
-/// Light paths of an iteration. Their vertices are kept until the iteration ends, some 260 bytes each: more than a gigabyte for a
+/// Light paths of an iteration. Their vertices are kept until the iteration ends, some 280 bytes each: more than a gigabyte for a
 /// million paths of five, and five times as much among white walls.
 pub(super) const LIGHT_PATHS: Setting = Setting {
     kind: Kind::Integer {
