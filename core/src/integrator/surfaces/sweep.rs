@@ -3,7 +3,7 @@
 use super::lamp::Line;
 use super::shape::{Meeting, Shape};
 use super::tail::{Sweep, Tail};
-use super::technique::{Chain, Technique};
+use super::technique::{Chain, OnLight, Technique};
 use crate::geometry::Ray;
 use crate::math::{Frame, Vec3, safe_sqrt};
 
@@ -90,59 +90,14 @@ impl Technique {
                 length: length(0),
             },
             Self::Connection => return None,
-            Self::LightCopy | Self::LightPlane(_) | Self::TurnedPlane | Self::LightCircle(_) | Self::LightArc(_) => {
-                return self.shape_of_light(tail, tail.sweep()?);
-            }
-        })
-    }
-
-    fn shape_of_light(self, tail: &Tail, sweep: &Sweep) -> Option<Shape> {
-        let (on, length, normal) = (tail.directions[0], tail.lengths[0], sweep.normal());
-        let cosine = on.dot(normal);
-        let swept_on = |line: Line| Shape::Parallelogram {
-            origin: line.origin,
-            edges: [line.along, on],
-            lengths: [line.length, length],
-        };
-        Some(match self {
-            Self::LightCopy => {
-                let offset = sweep.direction * length;
-                let (lower, upper) = sweep.lamp.bounds();
-                Shape::Boxed {
-                    lower: lower + offset,
-                    upper: upper + offset,
-                }
-            }
-            Self::LightPlane(edge) => swept_on(line_of(tail, sweep, edge)?),
-            Self::TurnedPlane => swept_on(sweep.line?),
-            Self::LightCircle(edge) => {
-                let line = line_of(tail, sweep, edge)?;
-                Shape::Stadium {
-                    center: line.origin + normal * (cosine * length),
-                    along: line.along * line.length,
-                    normal,
-                    radius: safe_sqrt(1.0 - cosine * cosine) * length,
-                }
-            }
-            Self::LightArc(edge) => {
-                let line = line_of(tail, sweep, edge)?;
-                Shape::Arc {
-                    center: line.origin,
-                    along: line.along,
-                    length: line.length,
-                    side: aside(on, normal),
-                    normal,
-                    radius: length,
-                }
-            }
-            _ => return None,
+            Self::Light(on_light) => return on_light.shape(tail, tail.sweep()?),
         })
     }
 
     /// Calls `visit` with the light paths of a tail that end where a camera ray meets the surface which the tail sweeps out, and the distances of
     /// their ends along the ray.
     pub(super) fn each_chain(self, tail: &Tail, shape: &Shape, ray: &Ray, mut visit: impl FnMut(f32, &Chain)) {
-        if let (Self::LightCopy, Some(sweep)) = (self, tail.sweep()) {
+        if let (Self::Light(OnLight::Copy), Some(sweep)) = (self, tail.sweep()) {
             // The ray that meets the light itself where the other meets its copy.
             let moved = Ray {
                 origin: ray.origin - sweep.direction * tail.lengths[0],
@@ -200,16 +155,60 @@ impl Technique {
             }
             Self::Hyperboloid => single(chain.turned(tail, place, meeting.along[0])),
             Self::Sphere | Self::Cone | Self::HalfDisc | Self::Connection => single(Chain::connecting(tail, place)),
-            Self::LightCopy | Self::LightPlane(_) | Self::TurnedPlane | Self::LightCircle(_) | Self::LightArc(_) => {
-                match tail.sweep() {
-                    Some(sweep) => self.chains_of_light(tail, sweep, place, meeting),
-                    None => [None, None],
-                }
-            }
+            Self::Light(on_light) => match tail.sweep() {
+                Some(sweep) => on_light.chains(tail, sweep, place, meeting),
+                None => [None, None],
+            },
         }
     }
+}
 
-    fn chains_of_light(self, tail: &Tail, sweep: &Sweep, place: Vec3, meeting: &Meeting) -> [Option<Chain>; 2] {
+impl OnLight {
+    /// The surface that a tail sweeps out.
+    fn shape(self, tail: &Tail, sweep: &Sweep) -> Option<Shape> {
+        let (on, length, normal) = (tail.directions[0], tail.lengths[0], sweep.normal());
+        let cosine = on.dot(normal);
+        let swept_on = |line: Line| Shape::Parallelogram {
+            origin: line.origin,
+            edges: [line.along, on],
+            lengths: [line.length, length],
+        };
+        Some(match self {
+            Self::Copy => {
+                let offset = sweep.direction * length;
+                let (lower, upper) = sweep.lamp.bounds();
+                Shape::Boxed {
+                    lower: lower + offset,
+                    upper: upper + offset,
+                }
+            }
+            Self::Plane(edge) => swept_on(line_of(tail, sweep, edge)?),
+            Self::TurnedPlane => swept_on(sweep.line?),
+            Self::Circle(edge) => {
+                let line = line_of(tail, sweep, edge)?;
+                Shape::Stadium {
+                    center: line.origin + normal * (cosine * length),
+                    along: line.along * line.length,
+                    normal,
+                    radius: safe_sqrt(1.0 - cosine * cosine) * length,
+                }
+            }
+            Self::Arc(edge) => {
+                let line = line_of(tail, sweep, edge)?;
+                Shape::Arc {
+                    center: line.origin,
+                    along: line.along,
+                    length: line.length,
+                    side: aside(on, normal),
+                    normal,
+                    radius: length,
+                }
+            }
+        })
+    }
+
+    /// The light paths of a tail that end at `place`, but for those by copies, which start where the ray meets the light itself.
+    fn chains(self, tail: &Tail, sweep: &Sweep, place: Vec3, meeting: &Meeting) -> [Option<Chain>; 2] {
         let normal = sweep.normal();
         let from = |line: Option<Line>, moved: f32, length: Option<f32>| {
             let start = line?;
@@ -224,7 +223,7 @@ impl Technique {
             Some(chain)
         };
         match self {
-            Self::LightPlane(edge) => {
+            Self::Plane(edge) => {
                 let [moved, length] = meeting.along;
                 [from(line_of(tail, sweep, edge), moved, Some(length)), None]
             }
@@ -232,9 +231,9 @@ impl Technique {
                 let [moved, length] = meeting.along;
                 [from(sweep.line, moved, Some(length)), None]
             }
-            Self::LightArc(edge) => [from(line_of(tail, sweep, edge), meeting.along[0], None), None],
+            Self::Arc(edge) => [from(line_of(tail, sweep, edge), meeting.along[0], None), None],
             // The circles on whose rims the place lies.
-            Self::LightCircle(edge) => {
+            Self::Circle(edge) => {
                 let Some(line) = line_of(tail, sweep, edge) else {
                     return [None, None];
                 };
@@ -248,7 +247,7 @@ impl Technique {
                     is_on_line.then(|| from(Some(line), moved, None)).flatten()
                 })
             }
-            _ => [None, None],
+            Self::Copy => [None, None],
         }
     }
 }

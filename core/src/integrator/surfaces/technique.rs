@@ -28,16 +28,23 @@ pub(super) enum Technique {
     Hyperboloid,
     /// The last direction and length, while the place on the camera's ray is drawn (footnote 2): a connection.
     Connection,
-    /// Both coordinates of the place on the light.
-    LightCopy,
-    /// The coordinate along an edge of the light, and the length.
-    LightPlane(u8),
-    /// The same along a line on the light in a random direction (section 6.2).
+    /// The place on the light.
+    Light(OnLight),
+}
+
+/// What is swept over where one of the two is the place on the light. Edges of a rectangle have numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum OnLight {
+    /// Both coordinates.
+    Copy,
+    /// The coordinate along an edge, and the length.
+    Plane(u8),
+    /// The same along a line in a random direction (section 6.2).
     TurnedPlane,
-    /// The coordinate along an edge of the light, and the angle about its normal.
-    LightCircle(u8),
-    /// The coordinate along an edge of the light, and the cosine with its normal.
-    LightArc(u8),
+    /// The coordinate along an edge, and the angle about the normal.
+    Circle(u8),
+    /// The coordinate along an edge, and the cosine with the normal.
+    Arc(u8),
 }
 
 /// A light path that ends on a camera ray, from the start of its tail.
@@ -71,20 +78,20 @@ const OF_LAMP: [Technique; 4] = [
     Technique::Sphere,
     Technique::Cone,
     Technique::Connection,
-    Technique::LightCopy,
+    Technique::Light(OnLight::Copy),
 ];
 const OF_RECTANGLE: [Technique; 11] = [
     Technique::Sphere,
     Technique::Cone,
     Technique::Connection,
-    Technique::LightCopy,
-    Technique::LightPlane(0),
-    Technique::LightPlane(1),
-    Technique::TurnedPlane,
-    Technique::LightCircle(0),
-    Technique::LightCircle(1),
-    Technique::LightArc(0),
-    Technique::LightArc(1),
+    Technique::Light(OnLight::Copy),
+    Technique::Light(OnLight::Plane(0)),
+    Technique::Light(OnLight::Plane(1)),
+    Technique::Light(OnLight::TurnedPlane),
+    Technique::Light(OnLight::Circle(0)),
+    Technique::Light(OnLight::Circle(1)),
+    Technique::Light(OnLight::Arc(0)),
+    Technique::Light(OnLight::Arc(1)),
 ];
 const OF_TWO: [Technique; 6] = [
     Technique::Plane(1, 0),
@@ -132,11 +139,11 @@ impl Technique {
             Self::Toroid => SurfaceKind::Toroids,
             Self::Hyperboloid => SurfaceKind::Hyperboloids,
             Self::Connection => SurfaceKind::Connections,
-            Self::LightCopy => SurfaceKind::LightCopies,
-            Self::LightPlane(_) => SurfaceKind::LightPlanes,
-            Self::TurnedPlane => SurfaceKind::TurnedPlanes,
-            Self::LightCircle(_) => SurfaceKind::LightCircles,
-            Self::LightArc(_) => SurfaceKind::LightArcs,
+            Self::Light(OnLight::Copy) => SurfaceKind::LightCopies,
+            Self::Light(OnLight::Plane(_)) => SurfaceKind::LightPlanes,
+            Self::Light(OnLight::TurnedPlane) => SurfaceKind::TurnedPlanes,
+            Self::Light(OnLight::Circle(_)) => SurfaceKind::LightCircles,
+            Self::Light(OnLight::Arc(_)) => SurfaceKind::LightArcs,
         }
     }
 
@@ -148,15 +155,12 @@ impl Technique {
             | Self::HalfDisc
             | Self::Hyperboloid
             | Self::Connection
-            | Self::LightPlane(_)
-            | Self::TurnedPlane => segment == 0,
+            | Self::Light(OnLight::Plane(_) | OnLight::TurnedPlane) => segment == 0,
             Self::Cylinder => segment == 1,
             Self::Sphere
             | Self::InnerSphere
             | Self::Toroid
-            | Self::LightCopy
-            | Self::LightCircle(_)
-            | Self::LightArc(_) => false,
+            | Self::Light(OnLight::Copy | OnLight::Circle(_) | OnLight::Arc(_)) => false,
         }
     }
 }
@@ -210,16 +214,12 @@ impl Densities<'_> {
                 lengths * of_cosine_before * self.directions[0] * turned.dot(self.ray).abs()
             }
             Technique::Connection => drawn * length * length * self.place,
-            Technique::LightCopy
-            | Technique::LightPlane(_)
-            | Technique::TurnedPlane
-            | Technique::LightCircle(_)
-            | Technique::LightArc(_) => sweep.map_or(0.0, |sweep| lengths * self.of_light(technique, sweep)),
+            Technique::Light(on_light) => sweep.map_or(0.0, |sweep| lengths * self.of_light(on_light, sweep)),
         }
     }
 
     /// The same of techniques that sweep over a light, but for the density of the length.
-    fn of_light(&self, technique: Technique, sweep: &Sweep) -> f32 {
+    fn of_light(&self, on_light: OnLight, sweep: &Sweep) -> f32 {
         let Chain {
             directions: [on, ..],
             lengths: [length, ..],
@@ -231,30 +231,30 @@ impl Densities<'_> {
         let of_direction = self.directions[0];
         let along = |vector: Vec3| vector.dot(self.ray);
         let of_rectangle = |density: &dyn Fn(&Rectangle) -> f32| lamp.rectangle.as_ref().map_or(0.0, density);
-        match technique {
-            Technique::LightCopy => {
+        match on_light {
+            OnLight::Copy => {
                 let of_direction = match lamp.is_plane {
                     true => lamp.area * of_direction,
                     false => lamp.emitting() * 0.25 * FRAC_1_PI,
                 };
                 of_direction * along(normal).abs()
             }
-            Technique::LightPlane(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
+            OnLight::Plane(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
                 let edge = usize::from(edge);
                 lengths[edge] * of_direction * along(edges[edge].cross(on)).abs()
             }),
             // Equation 27, the mean over all directions of the line.
-            Technique::TurnedPlane => of_rectangle(&|rectangle| {
+            OnLight::TurnedPlane => of_rectangle(&|rectangle| {
                 let [u, v] = rectangle.edges.map(|edge| along(edge.cross(on)));
                 let of_line = lamp.area / (2.0 * rectangle.radius());
                 of_line * of_direction * 2.0 * FRAC_1_PI * u.hypot(v)
             }),
-            Technique::LightCircle(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
+            OnLight::Circle(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
                 let edge = usize::from(edge);
                 let of_cosine = TAU * of_direction;
                 lengths[edge] * of_cosine * (length * edges[edge].dot(on) * along(normal)).abs()
             }),
-            Technique::LightArc(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
+            OnLight::Arc(edge) => of_rectangle(&|Rectangle { edges, lengths, .. }| {
                 let edge = usize::from(edge);
                 let cosine = on.dot(normal);
                 let aside = on - normal * cosine;
@@ -268,7 +268,6 @@ impl Densities<'_> {
                     false => 0.0,
                 }
             }),
-            _ => 0.0,
         }
     }
 }
